@@ -111,6 +111,7 @@ def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, 
     return {
         "errors": {name: 1.5 * np.abs(values) for name, values in at_end.items()},
         "errors_at_end": at_end,
+        "errors_unsure": {name: np.where(checked, 0.0, np.nan) for name in outputs},
         "validity": {name: np.where(checked, 1e-3, np.nan) for name in VALIDITY},
     }
 

@@ -243,6 +243,8 @@ def _dataset(
             label = f"error.{name}"
             values, unit = system.named(values, data.units[name])
             about = {"units": unit, "long_name": f"largest estimated error of output '{name}' over the run"}
+        elif kind == "errors_unsure":
+            label, about = f"error_unsure.{name}", {"long_name": f"1 where error.{name} is unsure"}
         elif kind == "validity":
             label, about = place, {"units": VALIDITY[name]["unit"], "long_name": VALIDITY[name]["about"]}
         else:

@@ -26,7 +26,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
-from pgmp_petsc.ensemble.plan import Plan, SampleFile, block_of, checked, share_of
+from pgmp_petsc.ensemble.plan import IN_CHECKED, Plan, SampleFile, block_of, checked, share_of
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.statistics import (
     Peaks,
@@ -50,6 +50,9 @@ from pgmp_petsc.models import LengthLanes, Model, Reduced
 from pgmp_petsc.results.ensemble import (
     DESCRIBED,
     DOUBT,
+    DOUBT_IF_UNSURE,
+    OF_MODEL,
+    OF_TIME_STEP,
     UNSTABLE,
     Band,
     Chance,
@@ -72,7 +75,7 @@ OVER_TIME = ("extremes", "first_passages")
 FEWEST_OF_TAIL = 50  # values
 FEW_OF_TAIL = 5.0  # degrees of freedom of the variance of squares, below which few values decide on a deviation
 LONG_TAIL = 12.0  # kurtosis: of 512 values of a lognormal law with s = 1 in 19 of 20 samples, exponential ones 1 in 10
-ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
+ESTIMATES = (*IN_CHECKED, "validity", "balance")
 OF_SAMPLES = 0.9  # of those whose errors are estimated, the share whose errors are below what is taken for the model's
 
 
@@ -227,16 +230,23 @@ class _Samples:
         seen = known & np.isfinite(excess)
         beyond = np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen]
         limit = holds_to(beyond, largest[seen], true[seen], level)
-        has_modes = any(body.flexible for body in origin.scene.bodies.values())
-        error = float("nan") if has_modes and origin.model != "full" else 0.0
-        if origin.model == "reduced" and event.output in self.estimates["errors"]:
-            errors = self.estimates["errors_at_end" if event.when == "end" else "errors"][event.output]
-            shares = np.abs(errors[known]) / np.maximum(largest[known], np.finfo(float).tiny)
-            shares = shares[np.isfinite(shares)]
-            error = DOUBT * float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else error
+        error = self._share_of_error(event, known, largest)
         estimate = count / n if n and not self._is_hiding else float("nan")
         words = in_words(event, origin.units[event.output], origin.scene.system)
-        return Chance(words, count, n, estimate, ends, self._asked.confidence, int(failed.sum()), error, limit)
+        lost, told_by = int(failed.sum()), origin.told_by(error, limit)
+        return Chance(words, count, n, estimate, ends, self._asked.confidence, lost, error, limit, *told_by)
+
+    def _share_of_error(self, event: Event, known: np.ndarray, largest: np.ndarray) -> float:
+        """Return what errors of an event's output hardly exceed in the samples that are `known`, shape (N,), as a share
+        of its `largest` value in each; NaN where none of them tells: of component modes no estimate does."""
+        name = event.output
+        if self._origin.is_of_modes or name not in self.estimates["errors"]:
+            return float("nan")
+        errors = self.estimates["errors_at_end" if event.when == "end" else "errors"][name]
+        doubts = np.where(self.estimates["errors_unsure"][name] == 1.0, DOUBT_IF_UNSURE, DOUBT)
+        shares = (doubts * np.abs(errors) / np.maximum(largest, np.finfo(float).tiny))[known]
+        shares = shares[np.isfinite(shares)]
+        return float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else float("nan")
 
 
 def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> tuple[dict[str, Band], dict[str, np.ndarray]]:
@@ -369,6 +379,14 @@ def _estimate_remarks(
                 f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked, of "
                 f"one output or more: {why}"
             )
+    unsure = np.any([one == 1.0 for one in estimates["errors_unsure"].values()] or np.zeros((1, status.size)), axis=0)
+    if unsure.any() and origin.model != "reduced":  # of reduced ones `own_error.few_steps` says so
+        n = int(np.sum(np.any([np.isfinite(one) for one in estimates["errors"].values()], axis=0)))
+        yield warning(
+            f"estimated errors of the time step are unsure in {int(unsure.sum())} of the {n} samples that are checked, "
+            "and may be several times too small or too large: pgmp simulate with their --set says why; compare with a "
+            "smaller simulation.step"
+        )
 
 
 @dataclass(frozen=True)
@@ -380,6 +398,23 @@ class Origin:
     units: dict[str, str]  # of the outputs, by name
     said: tuple[Remark, ...]  # of loops that do not quite close, and of errors that are not estimated
     checked_share: float  # of the samples whose errors are estimated
+
+    @property
+    def is_of_modes(self) -> bool:
+        """Whether bodies deform in component modes, of whose errors nothing is known."""
+        return self.model == "components" and any(body.flexible for body in self.scene.bodies.values())
+
+    def told_by(self, error: float, limit: float) -> tuple[str, str]:
+        """Return whose the error of an output is, and with which options samples tell whether a probability stays that
+        holds up to a `limit` of it: the full-order model's, or where nothing is reduced those of a smaller step."""
+        if self.model == "reduced" or self.is_of_modes:
+            return OF_MODEL, "--full"
+        simulation = self.scene.simulation
+        if not simulation.error_indicator:
+            return OF_TIME_STEP, f"--{self.model} --override simulation.error_indicator=true"
+        ratio = error / limit if error > limit > 0.0 else 1.0  # an error of second order
+        halvings = min(max(int(np.ceil(np.log2(ratio) / 2.0)), 1), MOST_HALVINGS)
+        return OF_TIME_STEP, f"--{self.model} --override simulation.step={simulation.step / 2**halvings:.4g}"
 
     @classmethod
     def of(cls, model: Model) -> Origin:
@@ -437,6 +472,7 @@ def describe_shards(shards: Shards, output: Path) -> Ensemble:
 SIGNIFICANT = 0.01  # for all parameters and sides together
 NAMED = 3  # parameters, the clearest first
 FURTHER = (*DIVISORS, 16, 32, 64)  # of the scene's step
+MOST_HALVINGS = 4  # of the step, in what is advised: beyond them nobody knows an order
 
 
 def _meanings(lengths: Sequence[str]) -> dict[int, str]:

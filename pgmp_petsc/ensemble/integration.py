@@ -25,7 +25,18 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm, alone
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.description import FURTHER, Origin, describe_ensemble, shard_of
-from pgmp_petsc.ensemble.plan import Batch, Piece, Plan, SampleFile, checked, missing, pieces, read_samples, within
+from pgmp_petsc.ensemble.plan import (
+    IN_CHECKED,
+    Batch,
+    Piece,
+    Plan,
+    SampleFile,
+    checked,
+    missing,
+    pieces,
+    read_samples,
+    within,
+)
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
 from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
@@ -369,7 +380,7 @@ def read_earlier(path: Path, model: Model) -> Earlier:
             )
     if found.model != model.name:
         raise InputError(f"{OPTION} {path}: samples of the {found.model} model; here it is the {model.name} one")
-    if UNSTABLE not in found.kept:
+    if UNSTABLE not in found.kept or found.errors.keys() != found.errors_unsure.keys():
         raise InputError(f"{OPTION} {path}: written by another version, which kept less of its samples; run it again")
     _check_scene(path, scene_from_toml(found.record.scene_toml, path.parent), model.scene)
     n, seed = len(found.status), found.record.seed
@@ -421,7 +432,7 @@ def fine_pieces(earlier: Earlier, share: float, block: int) -> Iterator[tuple[Pi
         extremes=found.extremes, first_passages=found.first_passages,
         bands={name.partition(".")[2]: values for name, values in found.kept.items() if name != UNSTABLE},
     )  # fmt: skip
-    estimates = Batch(0, found.parameters, {}, *ends, errors=found.errors, errors_at_end=found.errors_at_end)
+    estimates = Batch(0, found.parameters, {}, *ends, **{kind: getattr(found, kind) for kind in IN_CHECKED})
     fine = found.status == Status.FINE
     for first, last in _runs(fine, 0, fine.size):
         yield Piece(first, last), samples.part(first, last)

@@ -84,10 +84,11 @@ class Batch:
     """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,).
 
     ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided,
-    ``unstable_start`` whether it began on an unstable static equilibrium. The reduced model adds the largest estimated
-    errors of the outputs, those at the end, and the validity of small deformations, each (n,) and NaN where they were
-    not estimated. ``balance`` is that of energy, where it was asked for, as are ``extremes`` of the outputs over time
-    and ``first_passages`` of events; ``bands`` are outputs at some instants, each (n, n_t).
+    ``unstable_start`` whether it began on an unstable static equilibrium. The largest estimated errors of the outputs,
+    those at the end, whether they are unsure, and the validity of small deformations, which the reduced model adds, are
+    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for, as are
+    ``extremes`` of the outputs over time and ``first_passages`` of events; ``bands`` are outputs at some instants, each
+    (n, n_t).
     """
 
     first: int
@@ -98,6 +99,7 @@ class Batch:
     numerics: dict[str, np.ndarray] = field(default_factory=dict)
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
+    errors_unsure: dict[str, np.ndarray] = field(default_factory=dict)
     validity: dict[str, np.ndarray] = field(default_factory=dict)
     balance: dict[str, np.ndarray] = field(default_factory=dict)
     extremes: dict[str, np.ndarray] = field(default_factory=dict)
@@ -113,7 +115,7 @@ class Batch:
 
 
 # of a batch: arrays by name
-IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
+IN_CHECKED = ("errors", "errors_at_end", "errors_unsure")  # known of the samples whose errors were estimated only
 IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")
 NAMED = (*IN_ALL, *IN_CHECKED, "bands")  # bands are known of the first samples only, at several instants
 

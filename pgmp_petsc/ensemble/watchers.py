@@ -20,6 +20,7 @@ from pgmp_petsc.base.progress import doing
 from pgmp_petsc.ensemble.plan import IN_CHECKED, Piece, block_of, share_of
 from pgmp_petsc.estimates.coarser_run import fewest_steps, largest_felt, run_coarser, step_errors, times_of
 from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator, indicator_of
+from pgmp_petsc.estimates.own_error import FEW_STEPS
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
 from pgmp_petsc.outputs.multipliers import after_start
@@ -81,7 +82,9 @@ def watch_errors(indicator: ErrorIndicator | MemberIndicator) -> Watcher:
         def found(status: np.ndarray) -> Found:
             with doing(f"errors of {counted(begun.samples.size, 'checked sample')}"):
                 estimate = run.estimate(status)
-            return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
+            few = float(begun.simulation.n_steps < FEW_STEPS)
+            unsure = {name: np.where(np.isfinite(one), few, np.nan) for name, one in estimate.largest.items()}
+            return {"errors": estimate.largest, "errors_at_end": estimate.at_end, "errors_unsure": unsure}
 
         return Watch(run, found)
 
@@ -112,7 +115,9 @@ def watch_coarser(model: Model) -> Watcher:
                 if errors is None or errors.time.size < other.time.size:
                     continue
                 for name, values in errors.outputs.items():
-                    kept["errors"][name][place], kept["errors_at_end"][name][place] = np.abs(values).max(), values[-1]
+                    of_one = np.abs(values).max(), values[-1], bool(errors.unsure)
+                    for kind, one in zip(IN_CHECKED, of_one):
+                        kept[kind][name][place] = one
             return kept
 
         return Watch(record, found)

@@ -31,7 +31,7 @@ from pgmp_petsc.report.sources import (
     read_sources,
 )
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
-from pgmp_petsc.results.ensemble import DOUBT, RareEvent
+from pgmp_petsc.results.ensemble import DOUBT, OF_TIME_STEP, RareEvent
 from pgmp_petsc.results.estimates import LARGE, OF_STEP, VALIDITY, EstimatedErrors, limits_of
 from pgmp_petsc.results.numbers import end_texts, interval_text, number_text, percent, plain, share_text
 from pgmp_petsc.results.trajectory import truncated
@@ -176,7 +176,8 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
                 continue
             (largest, factor, unit), median = _largest_error(source, name), float(np.median(known))
             size = ["median ", Datum(median, plain(factor * median)), ", largest ", largest, unit]
-            how = f"estimated for {known.size} of {len(values)} samples"
+            n_unsure = int(np.sum(source.result.errors_unsure.get(name, np.zeros(1)) == 1.0))
+            how = f"estimated for {known.size} of {len(values)} samples{f', unsure in {n_unsure}' * bool(n_unsure)}"
             what = "model" if source.result.model == "reduced" else "time step"
             yield Line(f"{what}, in samples: {name}", size, how)
 
@@ -369,10 +370,13 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
         return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
     if doubtful:
-        return Decision("undecided", "Not decided by this model", ", ".join(dict.fromkeys(doubtful)))
+        by_step = [one.whose == OF_TIME_STEP for _, one, known in chances if not one.is_decided(known)]
+        lost = any(np.isnan(one.estimate) for _, one, _ in chances) or len(by_step) < len(doubtful)
+        by = "with this time step" if all(by_step) and not lost else "by this model"
+        return Decision("undecided", f"Not decided {by}", ", ".join(dict.fromkeys(doubtful)))
     words = [
-        f"{label}: the model's error is {share_text(known)}, and the answer holds up to {share_text(chance.holds_to)}"
-        for label, chance, known in chances
+        f"{label}: {one.whose} error is {share_text(known)}, and the answer holds up to {share_text(one.holds_to)}"
+        for label, one, known in chances
         if known > 0.0
     ]
     return Decision("decided", "Decided", "; ".join(words) or "nothing was reduced")

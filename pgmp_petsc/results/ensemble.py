@@ -40,6 +40,8 @@ from pgmp_petsc.results.estimates import BALANCE, OF_REDUCED, OF_STEP, VALIDITY
 from pgmp_petsc.results.numbers import axis_unit, interval_text, number_text, share_text
 
 DOUBT = 2.5  # times its estimate an error is larger than in 5 % of runs, see docs/method.md
+DOUBT_IF_UNSURE = 12.5  # times it where it is unsure: the smallest of 34 presses was 0.08 of the error, see there
+OF_MODEL, OF_TIME_STEP = "the model's", "the time step's"
 UNKNOWN = float("nan")
 
 
@@ -103,13 +105,20 @@ class Chance(Record):
         about="number of samples that failed: outside the event at the interval's lower end, in it at the upper one",
     )  # fmt: skip
     model_error: float = array(
-        about="estimated error of the output, of its largest size in a sample, 0 of full order; NaN if not estimated",
+        about="estimated error of the output, of its largest size in a sample; NaN if not estimated",
         absent=UNKNOWN, gaps=True,
     )  # fmt: skip
     holds_to: float = array(
         about="largest such error with which the probability is decided by this model; NaN where it is not known",
         absent=UNKNOWN, gaps=True,
     )  # fmt: skip
+    whose: str = attribute(
+        "model_error@of", allowed=(OF_MODEL, OF_TIME_STEP), absent=OF_MODEL,
+        about="whose error that is: the model's with its time step, or the time step's where nothing is reduced",
+    )  # fmt: skip
+    better: str = attribute(
+        "@better", absent="--full", about="options of pgmp montecarlo of a model or step that decides it, or may"
+    )
     FURTHER = (derived(bool, lambda own, _: own.is_decided(), "@decided", about="whether this model decides it"),)
 
     def is_decided(self, model_error: float = float("nan")) -> bool:
@@ -119,17 +128,20 @@ class Chance(Record):
     @property
     def decided_by(self) -> str:
         """The command that decides it where the model does not; empty where too many samples failed for a figure."""
-        return "" if np.isnan(self.estimate) else f"pgmp montecarlo SCENE --full -n {self.n + self.n_failed}"
+        return "" if np.isnan(self.estimate) else f"pgmp montecarlo SCENE {self.better} -n {self.n + self.n_failed}"
 
     def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
         """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""
         error, needed = np.fmax(self.model_error, model_error), share_text(self.holds_to, 3)
-        near = (
-            f"too many samples are nearer to the level than its error, {share_text(error, 3)} of the output's largest"
-        )
+        what, of_step = "its error", self.whose == OF_TIME_STEP
+        if of_step:
+            what = f"{self.whose} error"
+        near = f"too many samples are nearer to the level than {what}, {share_text(error, 3)} of the output's largest"
         why = f"{near} value (it would take one below {needed})"
         why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
-        why = "its error is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
+        why = f"{what} is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
+        if of_step:
+            return f"not decided with this time step: {why}; {self.decided_by!r} tells whether it stays"
         stops = "nor by the full-order model, whose run stops before its end"
         return f"not decided by this model: {why}; {stops if full_order_stops else f'{self.decided_by!r} decides it'}"
 
@@ -563,9 +575,9 @@ class Ensemble(Result):
     """N samples of the full-order or the reduced model.
 
     `units` has those of parameters, outputs, first passages and described extremes. Estimates (`errors`,
-    `errors_at_end`, `validity`) are empty where no sample was to have one, `balance`, `extremes` and `first_passages`
-    where they were not asked for; `extremes` are by ``<output>/max`` and others. `stopping` says why it ended, where
-    the number of samples was not given.
+    `errors_at_end`, `errors_unsure`, `validity`) are empty where no sample was to have one, `balance`, `extremes` and
+    `first_passages` where they were not asked for; `extremes` are by ``<output>/max`` and others. `stopping` says why
+    it ended, where the number of samples was not given.
     """
 
     kind = "ensemble"
@@ -602,6 +614,10 @@ class Ensemble(Result):
     errors_at_end: Mapping[str, np.ndarray] = _of_samples(
         "estimated error of output '{name}' at the end time, {own.what_errors}", unit="{unit}", ordered=True,
         when=_has_errors,
+    )  # fmt: skip
+    errors_unsure: Mapping[str, np.ndarray] = _of_samples(
+        "1 where the estimated error of output '{name}' is unsure, which may then be several times too small or too "
+        "large, 0 where it is not; NaN where not estimated", ordered=True, when=_has_errors,
     )  # fmt: skip
     validity: Mapping[str, np.ndarray] = _of_samples(
         "{about}", unit="{unit}", keys=VALIDITY, label="validity.{name}",

@@ -9,6 +9,7 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 from runs import overridden, pgmp, trajectory
+from scenes import tables
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
@@ -120,6 +121,52 @@ def test_samples_that_are_checked_know_it(tmp_path: Path) -> None:
     alone = run(SLIDER_CRANK, "simulation.duration=0.2", f"parameters.r1.nominal={found.parameters['r1'][0]:.17g}")
     for name, errors in found.errors.items():
         assert errors[0] == pytest.approx(alone.errors.maximum(name), rel=1e-3)
+
+
+CARRIAGE = tables("""
+scene: name = "carriage"
+parameters.push: nominal = 50.0; distribution = { name = "uniform", loc = 45.0, scale = 10.0 }
+bodies.mass: rigid = { mass = 1.0, inertia = 1.0, points = { c = [0.0, 0.0] } }
+joints.rail: type = "prismatic"; connect = ["ground:origin", "mass:c"]; axis = [1.0, 0.0]
+coordinates.x: joint = "rail"; range = [-3.0, 3.0]
+effects.spring: type = "spring_damper"; joint = "rail"; stiffness = 100.0
+effects.push: type = "force"; joint = "rail"; table = [[0.0, "push"]]
+outputs.x: type = "sliding"; joint = "rail"
+simulation: duration = 3.0
+ensemble.probabilities.far: output = "x"; above = 0.42
+""")
+
+
+def test_a_step_that_is_too_long_decides_nothing(tmp_path: Path) -> None:
+    """A mass on a spring, pushed from rest, is at F / k (1 - cos omega t): whether it is beyond a level at the end is a
+    matter of its phase, which a step of a tenth of a period loses. The steps that are advised decide it, rightly."""
+    path = tmp_path / "carriage.toml"
+    path.write_text(CARRIAGE)
+
+    def sampled(*overrides: str) -> tuple[dict, str]:
+        out = ("-o", tmp_path / "far.h5")
+        said = pgmp("montecarlo", path, "--full", "-n", "64", "--json", *out, *overridden(*overrides)).stdout
+        return json.loads(said)["probabilities"]["far"], pgmp("info", tmp_path / "far.h5").stdout
+
+    factor = 1.0 - np.cos(10.0 * 3.0)
+    exact = np.clip((55.0 - 42.0 / factor) / 10.0, 0.0, 1.0)
+    coarse, said = sampled("simulation.step=0.05")
+    assert not coarse["decided"] and coarse["model_error"] > coarse["holds_to"] > 0.0
+    assert (
+        "not decided with this time step: too many samples are nearer to the level than the time step's error" in said
+    )
+    command, option = coarse["decided_by"], "--override simulation.step="
+    assert command.startswith(f"pgmp montecarlo SCENE --full {option}") and command.endswith(" -n 64")
+    fine, tries = coarse, 0
+    while not fine["decided"] and tries < 3:  # the order is two once the phase is kept
+        fine, said = sampled(f"simulation.step={fine['decided_by'].partition(option)[2].split()[0]}")
+        tries += 1
+    assert fine["decided"] and fine["interval"][0] < exact < fine["interval"][1]
+    assert not coarse["interval"][0] < exact < coarse["interval"][1]
+    assert "not decided" not in said
+    unknown, said = sampled("simulation.error_indicator=false")
+    assert unknown["model_error"] is None and not unknown["decided"]
+    assert "the time step's error is not known" in said and "simulation.error_indicator=true" in unknown["decided_by"]
 
 
 def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path) -> None:
