@@ -76,6 +76,7 @@ ACTING_LAW = Acting(
     "commanded",
     ("force", "stiffness", "damping", "measure", "rate_of_measure"),
     force="amplitude + force - stiffness * s - damping * rate",
+    left_out="it is a controller, whose force follows what it measures",
 )
 
 
@@ -86,6 +87,10 @@ def given_to(actions: Sequence[Action]) -> list[int]:
 
 class ControllerEffect(ActionEffect):
     """The force of a controller, in as many parts as it measures motions: one for the slopes by each of them."""
+
+    @property
+    def entry(self) -> str:
+        return f"controllers.{self.name}"
 
     def _fixed(self) -> list[Action]:
         return super()._fixed()[:1]

@@ -46,7 +46,7 @@ from pgmp_petsc.mechanism.joints import Coupling
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import Combination, Function, U, sweeping
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.joints import IMPACT_SPEED, Clearance
+from pgmp_petsc.scene.joints import IMPACT_SPEED, Contact
 
 RESTITUTION = (
     1.00492702, 0.72557631, 5.55295772, -26.68819243, 55.68048401, -64.97565655, 42.75255961, -14.28554436, 1.73280757,
@@ -233,7 +233,7 @@ def _impact_speed(scene: Scene, is_length: bool = True) -> float:
     return IMPACT_SPEED / (scene.number_units.speed if is_length else 1.0)
 
 
-def _contact(entry: Clearance, speed: float) -> tuple[Quantity, ...]:
+def _contact(entry: Contact, speed: float) -> tuple[Quantity, ...]:
     """Return the parameters of the law of a contact, with the speed of the impact where the scene says none."""
     given = entry.stiffness, entry.radius, entry.exponent, entry.restitution, entry.restitution_speed or speed
     return tuple(map(Quantity.of, given))

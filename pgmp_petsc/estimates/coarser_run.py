@@ -147,7 +147,7 @@ def run_coarser(
     bent = {entry: _bent(model, entry, system.values, time, motions[entry]) for entry in told}
     until, divided = _taken_in_parts(stepper)
     failed = time[:, None] >= np.where(stepper.status == Status.FINE, np.inf, stepper.failure_time)
-    failed |= time[:, None] > until
+    failed |= (time[:, None] > until) | (stepper.status == Status.UNSTABLE)  # nobody knows since when
     outputs = {name: np.where(failed, np.nan, values) for name, values in found.items()}
     return CoarserRun(
         coarse.duration / n_steps, time, outputs, stepper.status, stepper.failure_time, divided, until,

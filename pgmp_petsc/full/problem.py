@@ -171,7 +171,7 @@ class FullEquations:
             np.full((blocks.n_blocks, len(acting), blocks.n_lanes), np.nan),
         )  # fmt: skip
         counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
-        units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        units = self.units = np.full(self.n_dofs, 1.0 / kinematics.size)
         unknowns.frames(units)[:, d:] = 1.0
         here = self.layout.needed[: self.layout.n_unknowns]
         self.problem = contiguous(FullProblem(

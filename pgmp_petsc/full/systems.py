@@ -42,6 +42,8 @@ from pgmp_petsc.stepping.status import Status
 STEPS_AT_ONCE, BEFORE_EDGES = 200, 32
 STATES_AT_ONCE = 256  # of all samples, whose frames and energies are evaluated together
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
+ACROSS = 0.1  # of the largest velocity: no run that is stable has as much across what joints hold
+ACROSS_IN_STEP = 1e-3  # of the mechanism's size, or rad, in a step: what trembles about rest is below it
 Gains = tuple[float, float, float]  # of velocities, accelerations and stiffness
 
 
@@ -172,6 +174,14 @@ class FullSystem(SecondOrderSystem, AbstractContextManager):
         self.restore(state, moved, samples)
         drift = self._against(self._drift([time], q, self.unpack(state.v)))
         self.restore(state, self._accelerated(time, state, drift, samples, False), samples)
+
+    def strayed(self, state: State, step: float) -> np.ndarray:
+        constraints = self._equations.constraints
+        if not self.moving_constraints:
+            return super().strayed(state, step)
+        q, v = self.unpack(state.q), self.unpack(state.v)
+        across, fastest = constraints.strayed(q, v, self._equations.units)
+        return (across > ACROSS * fastest) & (across * step > ACROSS_IN_STEP)
 
     def _state(self, q: np.ndarray, v: np.ndarray, turns: np.ndarray) -> State:
         """Lay out unknowns, velocities and turns (n, 1 or n_samples), without accelerations and multipliers."""

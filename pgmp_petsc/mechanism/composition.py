@@ -173,8 +173,9 @@ def couplings_of(
         terms.sort(key=lambda term: term[0].kind == ANGLE and term[0] not in {*known, *own} and not term[1].breaks.size)
         combination = Combination(tuple(term[:2] for term in terms), own)
         sides = tuple(side for term in terms for side in term[2])
-        rows = StatementRows.on_poses([(combination, sides)], space_of(scene.dimension))
-        value = float(rows.values(poses.ravel())[0]) if entry.from_placements else 0.0
+        # each motion by itself: an angle is the one nearest to zero, and not to what the others leave of nothing
+        alone = [(Combination((term[:2],)), term[2]) for term in terms if entry.from_placements]
+        value = float(StatementRows.on_poses(alone, space_of(scene.dimension)).values(poses.ravel()).sum())
         if name in follows:
             lines[follows[name]] = _rest(combination, follows[name], value)
         found[name] = combination, sides, value

@@ -252,6 +252,17 @@ class ConstraintSet:
             found[-self.n_driven :] -= _against(driven, q)
         return found
 
+    def strayed(self, q: np.ndarray, v: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the largest velocity across what is held, of those that are not driven, and the fastest of all, in
+        `units` (n_unknowns,) in which unknowns are comparable; for velocities (n_unknowns, n), each of shape (n,)."""
+        (rows, columns), values = self.jacobian_pattern, self.jacobian_values(q)
+        found, weights = np.zeros((2, self.n_constraints, *q.shape[1:]))
+        np.add.at(found, rows, values * v[columns])
+        np.add.at(weights, rows, np.abs(values) / units[columns, None])
+        held = slice(self.n_constraints - self.n_driven)
+        across = np.max(np.abs(found[held]) / weights[held], axis=0, initial=0.0)
+        return across, np.abs(units[:, None] * v).max(axis=0)
+
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
 

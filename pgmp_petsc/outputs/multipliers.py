@@ -33,11 +33,11 @@ import numpy as np
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.effects import springs_of_joints
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.action import Action, turning_freely
 from pgmp_petsc.mechanism.joints import Attached, Attachment, Connection, Coupling
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, Unknowns
-from pgmp_petsc.mechanism.space import Space
+from pgmp_petsc.mechanism.space import SPATIAL, Space
 from pgmp_petsc.mechanism.statements import MEET, Combination, Function, Statement
 from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
@@ -226,6 +226,9 @@ class Pull:
 
     action: Action
     readings: tuple[Reading, ...]  # of the terms of what the law is of
+    #: what their sum is near to, and by how much each turn of an angle changes it of which only the others tell turns
+    value: float = 0.0
+    turns: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, action: Action, space: Space) -> Self:
@@ -240,7 +243,10 @@ class Pull:
         factors, speed = [slope for _, slope in found], np.zeros(read[0].shape)
         if self.action.reads_rate:
             speed = sum(slope * Rate(reading).jet(seen, 0)[0] for slope, reading in zip(factors, self.readings))
-        return sum(value for value, _ in found), speed, factors
+        s = sum(value for value, _ in found)
+        for turn in self.turns:
+            s = s + turn * np.round((self.value - s) / turn)
+        return s, speed, factors
 
 
 def acting(pulls: Sequence[Pull], seen: Seen) -> Iterator[tuple[Pull, np.ndarray, list[np.ndarray | float]]]:
@@ -282,7 +288,9 @@ class OfCoupling(ForceOutput):
         rows = np.array([_rows_of(mechanism, coupling.name).start])
         if joint.gives_way:
             (action,) = _actions_in(coupling.name, mechanism)
-            pull = Pull(action, tuple(readings))
+            loose = [] if mechanism.space is not SPATIAL else turning_freely(coupling.combination, mechanism)
+            turns = tuple(2.0 * np.pi * abs(terms[k][1].factor) for k in loose)
+            pull = Pull(action, tuple(readings), coupling.value, turns)
             rows, nodes = rows[:0], set().union(*(reading.nodes for reading in readings))
         return cls(
             name, rows, frozenset(nodes), pull is not None and pull.action.reads_rate, entry, readings[number],

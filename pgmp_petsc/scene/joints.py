@@ -111,20 +111,11 @@ class Elastic(Table):
 IMPACT_SPEED = 1.0
 
 
-class Clearance(Table):
-    """A table ``clearance`` of a joint: how much room it has, and what happens where its parts touch.
+class Contact(Table):
+    """A table ``clearance``: how much room there is, and what happens where parts touch (`effects.clearance`)."""
 
-    The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the pin is
-    free within its room, and beyond that a force acts on it that hangs on how deep it is (`effects.clearance`).
-    """
-
-    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(
-        description="how far the pin moves from the middle until it touches (m): bore's radius less the pin's, in a "
-        "guide half of its play"
-    )
-    stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
-        description="K of the normal force K depth^exponent (N/m^exponent)"
-    )
+    radius: Annotated[PositiveOrParameter, Unit("rad", "m")]
+    stiffness: Annotated[PositiveOrParameter, Unit()]
     exponent: Annotated[PositiveOrParameter, Unit("1")] = Field(
         1.5, description="of the depth, at least 1: 1.5 of Hertz for points, about 1 for lines"
     )
@@ -132,27 +123,12 @@ class Clearance(Table):
         description="speed after an impact over that before it, above 0 and at most 1, of an impact at "
         "restitution_speed; slower ones lose less"
     )
-    restitution_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
-        None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given"
-    )
+    restitution_speed: Annotated[PositiveOrParameter | None, Unit("rad/s", "m/s")] = None
     damping: Literal["hunt_crossley", "hysteresis"] = Field(
         "hunt_crossley",
         description="how impacts lose: by a damper that grows with the depth, with which faster ones lose more, or by "
         "a hysteresis, with which those at restitution_speed and faster ones lose alike",
     )
-    friction: Annotated[NotNegativeOrParameter, Unit("1")] = Field(
-        0.0, description="coefficient of Coulomb's friction in contact"
-    )
-    friction_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
-        None,
-        description="speed (m/s) up to which friction grows: friction N tanh(v / friction_speed); needed with friction",
-    )
-
-    def check_entries(self) -> None:
-        if self.friction and self.friction_speed is None:
-            raise refusal("friction needs the speed up to which it grows (m/s), such as 1e-3", "friction_speed")
-        if self.friction_speed is not None and not self.friction:
-            raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
 
     def of_stiffness(self, entry: str, slides: bool) -> Iterator[Use]:
         """Yield the stiffness with its unit, as `JointTable.measured`; none where samples have their own exponents."""
@@ -162,8 +138,8 @@ class Clearance(Table):
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        """Entries that a built model depends on: that there is a clearance, whether it rubs, and its damping."""
-        return ("clearance", bool(self.friction), self.damping)
+        """Entries that a built model depends on: that there is a clearance, its damping, and whether it rubs."""
+        return ("clearance", self.damping)
 
     def problems(self, scene: AnyScene, entry: str) -> Iterator[str]:
         """Yield a line if exponent or restitution, or a value that a parameter of them has, is none that can be."""
@@ -192,12 +168,48 @@ class Clearance(Table):
                     break
 
 
-class Backlash(Clearance):
+class Clearance(Contact):
+    """A table ``clearance`` of a joint.
+
+    The rigid mechanism closes with the joint locked, and has as many coordinates as without. In the motion the pin is
+    free within its room, and beyond that a force acts on it that hangs on how deep it is.
+    """
+
+    radius: Annotated[PositiveOrParameter, Unit("m")] = Field(
+        description="how far the pin moves from the middle until it touches (m): bore's radius less the pin's, in a "
+        "guide half of its play"
+    )
+    stiffness: Annotated[PositiveOrParameter, Unit()] = Field(
+        description="K of the normal force K depth^exponent (N/m^exponent)"
+    )
+    restitution_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
+        None, description="speed of the impact that restitution is of (m/s), 1 m/s if not given"
+    )
+    friction: Annotated[NotNegativeOrParameter, Unit("1")] = Field(
+        0.0, description="coefficient of Coulomb's friction in contact"
+    )
+    friction_speed: Annotated[PositiveOrParameter | None, Unit("m/s")] = Field(
+        None,
+        description="speed (m/s) up to which friction grows: friction N tanh(v / friction_speed); needed with friction",
+    )
+
+    def check_entries(self) -> None:
+        if self.friction and self.friction_speed is None:
+            raise refusal("friction needs the speed up to which it grows (m/s), such as 1e-3", "friction_speed")
+        if self.friction_speed is not None and not self.friction:
+            raise refusal("without effect, as there is no friction; leave it out", "friction_speed")
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        return (*super().structure, bool(self.friction))
+
+
+class Backlash(Contact):
     """A table ``clearance`` of a coupling: its backlash.
 
     The rigid mechanism closes with the teeth in mesh. In the motion what the coupled motion is off, of the second joint
     of two, the first of terms, is free within half of the backlash, and beyond that a torque or force acts on it as
-    that of a contact (`effects.clearance`).
+    that of a contact.
     """
 
     radius: Annotated[PositiveOrParameter, Unit("rad", "m")] = Field(

@@ -430,10 +430,9 @@ def _loose(scene: AnyScene, name: str, joint: JointEntry) -> Iterator[str]:
             words = f"a joint has {other} or clearance, not both: let a body between two joints have the other one"
             yield problem(f"joints.{name}.{other}", words)
     yield from joint.clearance.problems(scene, entry)
-    if joint.clearance.friction and joint.loose != "across":
-        why = "how large the ball is" if joint.loose == "everywhere" else "how teeth slide on each other"
-        words = f"made for pins and guides, and this joint is {joint.type}, of which it hangs on {why}; leave it out"
-        yield problem(f"{entry}.friction", words, joint.clearance.friction)
+    if joint.loose == "everywhere" and joint.clearance.friction:
+        words = f"made for pins and guides, and this joint is {joint.type}, of which it hangs on how large the ball is"
+        yield problem(f"{entry}.friction", f"{words}; leave it out", joint.clearance.friction)
 
 
 def _coordinates(scene: AnyScene) -> Iterator[str]:

@@ -61,7 +61,7 @@ _CURES = {
     "ts_exact_final_time": "a run ends at simulation.duration exactly",
 }
 TIME_TOLERANCE = 1e-9  # of the duration: far above the round-off in the sum of all steps, far below one of them
-RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN)
+RETRIED = (Status.NOT_CONVERGED, Status.NOT_FINITE, Status.SOLVER_FAILED, Status.BROKE_DOWN, Status.UNSTABLE)
 
 
 @dataclass(frozen=True)
@@ -172,6 +172,10 @@ class GeneralisedAlpha:
             elif system.beside is not None and not system.carries:
                 until = self.n_done + 1
             self._advance_to(until)
+        # iterations may converge where a free body turns by so much in a step that the scheme is unstable
+        if self._alive.any():
+            strayed = self._alive & system.strayed(self.state, self._step)
+            self._retire(strayed, Status.UNSTABLE, float(self.instants[last]))
         if self._pulse is not None:
             self._pulse(last / (self.instants.size - 1))
 

@@ -341,6 +341,11 @@ class SecondOrderSystem:
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step."""
 
+    def strayed(self, state: State, step: float) -> np.ndarray:
+        """Return a mask of the samples whose velocities have left what the constraints allow, as nothing moves by in a
+        `step` (s) that is short enough. Collective on `comm`."""
+        return np.zeros(self.n_samples, dtype=bool)
+
     def take_steps(self, asked: StepsAsked) -> StepsTaken | None:
         """Take equal steps, up to one in which an iteration fails; None where they are taken by corrections."""
 

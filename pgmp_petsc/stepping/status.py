@@ -16,6 +16,7 @@ class Status(IntEnum):
     SOLVER_FAILED = 5
     BROKE_DOWN = 6
     NO_EQUILIBRIUM = 7
+    UNSTABLE = 8
 
     @property
     def meaning(self) -> str:
@@ -51,6 +52,7 @@ _MEANINGS = {
     Status.BROKE_DOWN: "its deformation left what the reduced model holds for: stiffness or inertia are no longer "
     "positive there, and the motion ran away",
     Status.NO_EQUILIBRIUM: "no static equilibrium was found to start from",
+    Status.UNSTABLE: "its velocities have left what joints allow, as bodies turn by too much in a time step",
 }
 _CURES = {
     Status.FINE: "",
@@ -64,6 +66,7 @@ _CURES = {
     '"static" where it is "dynamic", with more reduction.angles or fewer reduction.modes where the build warned of a '
     "matrix that is not positive definite, or loads and parameters that bend less",
     Status.NO_EQUILIBRIUM: 'hold the coordinates (initial.coordinates = "held"), or look at the loads at time zero',
+    Status.UNSTABLE: "take a smaller simulation.step, or a smaller simulation.spectral_radius",
 }
 _BEYOND_THE_REDUCED = {
     Status.LEFT_RANGE: ", and build a reduced model again; full-order and component runs go on beyond it where no "

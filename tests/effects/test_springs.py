@@ -97,6 +97,15 @@ def test_dampers_are_named_and_springs_are_not() -> None:
     assert "static answers are in the basis, for any stiffness: s, b, t" in of_basis[0]
 
 
+def test_a_controller_is_named_as_one() -> None:
+    servo = 'controllers.servo={type="pid",joint="crank_hinge",measures="crank_angle",reference=1.0,gains={p=1.0}}'
+    scene = slider_crank(servo, 'outputs.crank_angle={type="angle",joint="crank_hinge"}')
+    said = [str(remark) for remark in spring_remarks(effects_of(scene, mechanism_of(scene)))]
+    assert said == [
+        "note: controllers.servo is not in the stiffness: it is a controller, whose force follows what it measures"
+    ]
+
+
 @pytest.mark.parametrize(
     ("force", "potential", "reason"),
     [("elastic", "k * s**4", "it is no linear spring"), ("-k * rate * abs(rate)", "0", "it is no linear spring")]

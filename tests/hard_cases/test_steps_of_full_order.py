@@ -9,7 +9,6 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 from runs import overridden, pgmp, trajectory
-from scenes import tables
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
@@ -18,6 +17,7 @@ from pgmp_petsc.results.estimates import OF_STEP
 from pgmp_petsc.scene.loading import write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
+from scenes import tables
 
 HERE, SLIDER_CRANK = Path(__file__).parent, ROOT / "scenes" / "slider_crank.toml"
 FINER = 8

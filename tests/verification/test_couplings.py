@@ -128,6 +128,25 @@ def test_spindles_of_a_fine_lead_turn_often(text: str, masses: list[float]) -> N
         np.testing.assert_allclose(found[name], exact, rtol=0, atol=1e-7 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("model", ["full", "components"])
+def test_a_nut_placed_whole_turns_along_its_spindle_has_the_force_of_one_at_the_end(model: str) -> None:
+    """Of stiffness 1e5 N/m its force was off by 5e4 N, a lead times that, from half a lead on; a rigid one was closed
+    whole turns away."""
+    force = 'outputs.f={type="joint_force",joint="thread",component="axial",of="first"}'
+    for way in ("elastic={stiffness=1e5}", None):
+        gives = (f"joints.thread.{way}",) if way else ()
+        found = [
+            run(scene_from_toml(SCREW, ".", (
+                f"bodies.nut.placement={{origin=[0.0,0.0,{z}]}}", f"simulation.initial.x.position={z}",
+                "simulation.duration=0.5", force, *gives,
+            )), model)[1]
+            for z in (0.0, 0.4)
+        ]  # fmt: skip
+        np.testing.assert_allclose(found[1]["x"] - 0.4, found[0]["x"], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found[1]["f"], found[0]["f"], rtol=0, atol=1e-6 * np.abs(found[0]["f"]).max())
+        assert 0.1 < np.abs(found[0]["f"]).max() < 10.0
+
+
 def test_a_motor_turns_a_thousand_times_as_far_as_the_coordinate() -> None:
     """What of the coordinate's own row the gear leaves is one thousandth, and no singular position."""
     scene = scene_from_toml(ROTORS_IN_SPACE, ".", ["joints.mesh.ratio=1000.0", "coordinates.phi.range=[-0.1, 0.3]"])
