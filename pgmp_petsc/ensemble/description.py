@@ -26,7 +26,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.units import Units, behind
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Kept, Shards
-from pgmp_petsc.ensemble.plan import IN_CHECKED, Plan, SampleFile, block_of, checked, share_of
+from pgmp_petsc.ensemble.plan import IN_CHECKED, SHARE, Plan, SampleFile, block_of, checked, share_of
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.statistics import (
     Peaks,
@@ -243,7 +243,7 @@ class _Samples:
         if self._origin.is_of_modes or name not in self.estimates["errors"]:
             return float("nan")
         errors = self.estimates["errors_at_end" if event.when == "end" else "errors"][name]
-        doubts = np.where(self.estimates["errors_unsure"][name] == 1.0, DOUBT_IF_UNSURE, DOUBT)
+        doubts = np.where(self.estimates["errors_unsure"].get(name, 0.0) == 1.0, DOUBT_IF_UNSURE, DOUBT)
         shares = (doubts * np.abs(errors) / np.maximum(largest, np.finfo(float).tiny))[known]
         shares = shares[np.isfinite(shares)]
         return float(np.quantile(shares, OF_SAMPLES, method="higher")) if shares.size else float("nan")
@@ -409,12 +409,14 @@ class Origin:
         holds up to a `limit` of it: the full-order model's, or where nothing is reduced those of a smaller step."""
         if self.model == "reduced" or self.is_of_modes:
             return OF_MODEL, "--full"
-        simulation = self.scene.simulation
+        simulation, again = self.scene.simulation, f"--{self.model} --override"
         if not simulation.error_indicator:
-            return OF_TIME_STEP, f"--{self.model} --override simulation.error_indicator=true"
+            return OF_TIME_STEP, f"{again} simulation.error_indicator=true"
+        if self.scene.ensemble.checked_share == 0.0:
+            return OF_TIME_STEP, f"{again} ensemble.checked_share={SHARE}"
         ratio = error / limit if error > limit > 0.0 else 1.0  # an error of second order
         halvings = min(max(int(np.ceil(np.log2(ratio) / 2.0)), 1), MOST_HALVINGS)
-        return OF_TIME_STEP, f"--{self.model} --override simulation.step={simulation.step / 2**halvings:.4g}"
+        return OF_TIME_STEP, f"{again} simulation.step={simulation.step / 2**halvings:.4g}"
 
     @classmethod
     def of(cls, model: Model) -> Origin:

@@ -285,9 +285,8 @@ class JointBatch(FullBatch):
         return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
 
     def strayed(self, state: State, step: float) -> np.ndarray:
-        return SecondOrderSystem.strayed(
-            self, state, step
-        )  # what turns freely is a coordinate, and strays from nothing
+        # what turns freely is a coordinate, and strays from nothing
+        return SecondOrderSystem.strayed(self, state, step)
 
     def _in_unknowns(self, states: State) -> State:
         """Return states in unknowns, with the multipliers of driven angles alone; frames, energies and outputs ask for

@@ -260,7 +260,7 @@ class ConstraintSet:
         np.add.at(found, rows, values * v[columns])
         np.add.at(weights, rows, np.abs(values) / units[columns, None])
         held = slice(self.n_constraints - self.n_driven)
-        across = np.max(np.abs(found[held]) / weights[held], axis=0, initial=0.0)
+        across = np.max(np.abs(found[held]) / np.maximum(weights[held], np.finfo(float).tiny), axis=0, initial=0.0)
         return across, np.abs(units[:, None] * v).max(axis=0)
 
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:

@@ -167,6 +167,8 @@ def test_a_step_that_is_too_long_decides_nothing(tmp_path: Path) -> None:
     unknown, said = sampled("simulation.error_indicator=false")
     assert unknown["model_error"] is None and not unknown["decided"]
     assert "the time step's error is not known" in said and "simulation.error_indicator=true" in unknown["decided_by"]
+    unchecked, _ = sampled("ensemble.checked_share=0.0")
+    assert not unchecked["decided"] and "ensemble.checked_share=0.02" in unchecked["decided_by"]
 
 
 def test_a_run_beyond_the_range_ends_where_it_left_it(tmp_path: Path) -> None:
