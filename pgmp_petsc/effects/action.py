@@ -219,14 +219,10 @@ def counted_from(action: Action, kinematics: RigidKinematics, theta: np.ndarray)
         [(Combination((term,)), pair) for term, pair in zip(terms, action.pairs)], mechanism.space
     )
     values = rows.values(kinematics.poses(theta.T).reshape(-1, theta.shape[1]), near)
+    value = next((one.value for one in mechanism.couplings if one.combination is action.statement), 0.0)
     for k in turning_freely(action.statement, mechanism):
-        near[k] = (value_kept(action, mechanism) - values.sum(axis=0) + values[k]) / terms[k][1].factor
+        near[k] = (value - values.sum(axis=0) + values[k]) / terms[k][1].factor
     return near
-
-
-def value_kept(action: Action, mechanism: Mechanism) -> float:
-    """Return the value that the coupling keeps of whose motions an action is; 0 of other actions."""
-    return next((one.value for one in mechanism.couplings if one.combination is action.statement), 0.0)
 
 
 def turning_freely(combination: Combination | Statement, mechanism: Mechanism) -> list[int]:

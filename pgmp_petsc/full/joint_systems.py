@@ -33,7 +33,7 @@ from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import ANGLE, Statement
 from pgmp_petsc.outputs.multipliers import OfConnection
-from pgmp_petsc.stepping.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.stepping.second_order_system import State
 
 ROUND_OFF = 1e-9  # of the slopes of constraints, over the largest of a row
 
@@ -285,8 +285,7 @@ class JointBatch(FullBatch):
         return own.left(own.set.rates(places, rates, speeds), sign[:, None] * v[number] - speeds[motion, None])
 
     def strayed(self, state: State, step: float) -> np.ndarray:
-        # what turns freely is a coordinate, and strays from nothing
-        return SecondOrderSystem.strayed(self, state, step)
+        return np.zeros(self.n_samples, dtype=bool)  # what turns freely is a coordinate, and strays from nothing
 
     def _in_unknowns(self, states: State) -> State:
         """Return states in unknowns, with the multipliers of driven angles alone; frames, energies and outputs ask for

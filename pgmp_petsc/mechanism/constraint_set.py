@@ -246,8 +246,7 @@ class ConstraintSet:
     def rates(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``dc/dt = C v``, shape (n_constraints, ...); `driven` are the angular velocities of the driven joints,
         shape (n_driven,), rad/s."""
-        (rows, columns), found = self.jacobian_pattern, np.zeros((self.n_constraints, *q.shape[1:]))
-        np.add.at(found, rows, self.jacobian_values(q) * v[columns])
+        found = self._by_row(self.jacobian_values(q) * v[self.jacobian_pattern[1]])
         if self.n_driven:
             found[-self.n_driven :] -= _against(driven, q)
         return found
@@ -255,13 +254,17 @@ class ConstraintSet:
     def strayed(self, q: np.ndarray, v: np.ndarray, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the largest velocity across what is held, of those that are not driven, and the fastest of all, in
         `units` (n_unknowns,) in which unknowns are comparable; for velocities (n_unknowns, n), each of shape (n,)."""
-        (rows, columns), values = self.jacobian_pattern, self.jacobian_values(q)
-        found, weights = np.zeros((2, self.n_constraints, *q.shape[1:]))
-        np.add.at(found, rows, values * v[columns])
-        np.add.at(weights, rows, np.abs(values) / units[columns, None])
+        columns, values = self.jacobian_pattern[1], self.jacobian_values(q)
+        rates, weights = self._by_row(values * v[columns]), self._by_row(np.abs(values) / units[columns, None])
         held = slice(self.n_constraints - self.n_driven)
-        across = np.max(np.abs(found[held]) / np.maximum(weights[held], np.finfo(float).tiny), axis=0, initial=0.0)
+        across = np.max(np.abs(rates[held]) / np.maximum(weights[held], np.finfo(float).tiny), axis=0, initial=0.0)
         return across, np.abs(units[:, None] * v).max(axis=0)
+
+    def _by_row(self, entries: np.ndarray) -> np.ndarray:
+        """Add up what stands at the entries of the Jacobian, (n_entries, ...), row by row: (n_constraints, ...)."""
+        found = np.zeros((self.n_constraints, *entries.shape[1:]))
+        np.add.at(found, self.jacobian_pattern[0], entries)
+        return found
 
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.

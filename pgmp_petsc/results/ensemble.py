@@ -133,9 +133,8 @@ class Chance(Record):
     def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
         """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""
         error, needed = np.fmax(self.model_error, model_error), share_text(self.holds_to, 3)
-        what, of_step = "its error", self.whose == OF_TIME_STEP
-        if of_step:
-            what = f"{self.whose} error"
+        of_step = self.whose == OF_TIME_STEP
+        what = f"{self.whose if of_step else 'its'} error"
         near = f"too many samples are nearer to the level than {what}, {share_text(error, 3)} of the output's largest"
         why = f"{near} value (it would take one below {needed})"
         why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why

@@ -194,8 +194,8 @@ class Simulation(Table):
         ge=0.0,
         le=1.0,
         description="of generalised-alpha at infinite frequency; 1 is without numerical damping; above 0.99 "
-        "constraints that turn or move have their velocities projected after every step. Full-order runs of free "
-        "bodies are stable up to about 0.8 (1 - spectral_radius) rad a step",
+        "constraints that turn or move have their velocities projected after every step. Full-order runs of "
+        "bodies that turn freely are stable up to about 0.8 (1 - spectral_radius) rad a step",
     )
     frames: Frames = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(

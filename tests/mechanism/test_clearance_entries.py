@@ -60,7 +60,8 @@ joints.mesh.clearance.radius=-1e-3 -> joints.mesh.clearance.radius = -0.001: a p
 joints.mesh.elastic={stiffness=1e5} -> joints.mesh.elastic: a joint has elastic or clearance, not both
 joints.mesh={type="belt",joints=["input","output"],radii=[0.1,0.2],clearance={radius=1e-3,stiffness=1e5,
     restitution=0.9}} -> joints.mesh.clearance: a joint of type belt has none; those that have are
-joints.mesh.clearance={radius=2e-3,stiffness=1e5,restitution=0.8,friction=0.1} -> joints.mesh.clearance.friction
+joints.mesh.clearance={radius=2e-3,stiffness=1e5,restitution=0.8,friction=0.1} ->
+    joints.mesh.clearance.friction = 0.1: unknown key
 """)
 
 
