@@ -10,8 +10,10 @@ runs have and more. With the eigenvalue lambda of a step for ``omega h`` a vibra
 omega h - log lambda|`` in each step (Hughes 2000, section 9.1). What it is off by fades with the machine's own damping,
 by which a falls faster than ``|lambda|``, and is no more than ``2 a d / (a + b)``, where the coarser run has b: with
 ``b = a`` that is d, and 2 a where the coarser run has no vibration left. A band goes on to count until the coarser run
-would have left the other by `MET` since d was large, as phases that have parted meet again. The largest of many points
-has kinks, which are in all bands: there a band counts where it is `PEAK` times those around it.
+would have left the other by `MET` since d was large, as phases that have parted meet again. Corners are in all bands.
+Where forces have them between the coarser run's instants, both runs do: up to half of the frequency of these d is
+interpolated, which they are not in, and a band above counts where it is `TONE` times those around it. The largest of
+many points has kinks of its own: there every band counts by that, with `PEAK`.
 
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
 estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
@@ -60,6 +62,7 @@ LOST = 0.25  # of the sum of a vibration's amplitudes, by which runs differ that
 MET = np.pi  # rad; phases that meet after a turn leave d below `LOST` for 4 asin(LOST) = 1.0 rad
 BEATS = 3  # windows within which a vibration comes back that beats, and has not faded
 PEAK, AROUND = 1.15, 17  # of a vibration over the median of so many bands around it
+TONE = 2.0  # of one that the coarser run has too few instants for: two corners in a window ripple by 1.4 times
 TREMBLES = 0.1  # of an output's largest value, from which on lost vibrations are worth naming
 RUBS = 0.015  # of it, from which on they move what has friction or stops, and their cycles count
 BRIEF = 10.0  # steps of the coarser run in a contact whose force it follows
@@ -275,15 +278,12 @@ def step_errors(
     differences = dict(zip(outputs, (coarse - there).T))
     marks = {name: (output.kinked_in(scene), output.jumps_in(scene)) for name, output in scene.outputs.items()}
     kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
-    between, off, turns = scipy.interpolate.CubicSpline(at, coarse)(time[covered]), {}, np.empty(len(outputs))
-    # what jumps is not interpolated: both jump at the same instants, and are looked at where the coarser run has been
-    looks = (1, fine[covered], between, ~jumping), (times, there, coarse, jumping)
-    for every, own, others, which in (look for look in looks if look[-1].any()):
-        bands = Bands.of(scene.simulation.spectral_radius, n_steps, every)
-        found, turns[which] = bands.lost(own[:, which], others[:, which], ratio, kinked[which])
-        places = bands.hop * every * step * np.arange(len(found))
-        off |= {k: np.interp(at, places, one) for k, one in zip(np.flatnonzero(which), found.T)}
-    lost = {name: off[k] for k, name in enumerate(outputs)}
+    apart, between = (scipy.interpolate.CubicSpline(at, values)(time[covered]) for values in (coarse - there, coarse))
+    bands = Bands.of(scene.simulation.spectral_radius, n_steps, ratio)
+    # what jumps at instants of both has no vibrations that are seen between those
+    found, turns = bands.lost(fine[covered], apart, np.where(jumping, apart, between - fine[covered]), kinked)
+    places = bands.hop * step * np.arange(len(found))
+    lost = {name: np.interp(at, places, one) for name, one in zip(outputs, found.T)}
     shares = np.array([one.max() / largest[name] if largest[name] else 0.0 for name, one in lost.items()])
     loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
@@ -326,16 +326,17 @@ class Bands:
     #: by the scheme, as minus a logarithm, (n_bands,)
     drifts: np.ndarray
     decays: np.ndarray
+    ratio: float  # of the coarser run's step to the run's
 
     @classmethod
-    def of(cls, spectral_radius: float, n_steps: int, every: int) -> Bands:
-        """Return those of a run that is looked at after every so many of its steps."""
-        length = int(np.clip(2 ** int(np.log2(max(n_steps / every / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
+    def of(cls, spectral_radius: float, n_steps: int, ratio: float) -> Bands:
+        """Return those of a run of so many steps, and of a coarser one whose steps are longer by that ratio."""
+        length = int(np.clip(2 ** int(np.log2(max(n_steps / PER_WINDOW, 1.0))), SHORTEST, LONGEST))
         exact, rates = _amplifications(spectral_radius)
-        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / (every * length), rates.imag[-1])
-        drifts = np.minimum(every * np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
-        decays = every * np.interp(seen, rates.imag, -rates.real)
-        return cls(length, np.interp(seen, rates.imag, exact), drifts, decays)
+        seen = np.minimum(2.0 * np.pi * np.arange(length // 2 + 1) / length, rates.imag[-1])
+        drifts = np.minimum(np.interp(seen, rates.imag, np.abs(1j * exact - rates)), np.pi)
+        decays = np.interp(seen, rates.imag, -rates.real)
+        return cls(length, np.interp(seen, rates.imag, exact), drifts, decays, ratio)
 
     @property
     def hop(self) -> int:
@@ -343,38 +344,45 @@ class Bands:
         return self.length // 2
 
     def lost(
-        self, fine: np.ndarray, coarse: np.ndarray, ratio: float, kinked: np.ndarray
+        self, fine: np.ndarray, apart: np.ndarray, between: np.ndarray, kinked: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and ``omega h`` of the
-        largest, shape (k,), of k outputs.
+        largest, shape (k,), of k outputs after every step, shape (n, k).
 
-        Both runs' outputs, the ratio of whose steps is given, are after every step that is looked at, shape (n, k);
-        `kinked` tells which have kinks, shape (k,).
+        By how much the coarser run differs, shape (n, k), is a spline through the differences at its instants, `apart`,
+        and one through its outputs less the run's, `between`: corners are in both runs, and not in the first one;
+        vibrations that it has too few instants for are in the second. Which outputs have kinks tells `kinked`, (k,).
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
-        spectra, *others = (self._spectra(values) for values in (fine, coarse - fine, coarse))
+        spectra, *others = (self._spectra(values) for values in (fine, apart, between))
         # the squares of neighbouring bands add up to that of a vibration between them
-        amplitudes, apart, coarser = (np.abs(one) * 4.0 / (self.length * np.sqrt(1.5)) for one in (spectra, *others))
-        parted = apart / np.maximum(amplitudes + coarser, TINY)
+        scale = 4.0 / (self.length * np.sqrt(1.5))
+        amplitudes, *apart = (scale * np.abs(one) for one in (spectra, *others))
+        coarser = (scale * np.abs(spectra + one) for one in others)
+        at_instants, parted = (d / np.maximum(amplitudes + b, TINY) for d, b in zip(apart, coarser))
+        beyond = np.arange(amplitudes.shape[2]) * self.ratio > 0.5 * self.length  # half of the coarser run's frequency
+        parted[1:, :, ~beyond] = np.minimum(at_instants, parted)[1:, :, ~beyond]
         out = parted > LOST
         out[..., :LOWEST] = False
-        if kinked.any():
-            of_kinked = amplitudes[:, kinked]
-            out[:, kinked] &= of_kinked > PEAK * scipy.ndimage.median_filter(of_kinked, (1, 1, AROUND), mode="nearest")
+        least = np.where(kinked[:, None], PEAK, np.zeros(out.shape))
+        least[1:, :, beyond] = TONE  # a run may begin with a shock, whose vibrations fade within a window
+        rows = (out & (least > 0.0)).any(axis=2)
+        around = scipy.ndimage.median_filter(amplitudes[rows], (1, AROUND), mode="nearest")
+        out[rows] &= amplitudes[rows] > least[rows] * around
         drifts = self.hop * self.drifts
         # what the machine's own damping leaves of a vibration from one window to the next
         levels = np.log(np.maximum(amplitudes, TINY)) + self.hop * self.decays * np.arange(len(out))[:, None, None]
         levels = scipy.ndimage.maximum_filter1d(levels, BEATS, axis=0, mode="nearest", origin=-(BEATS // 2))
         fades = np.maximum(-np.diff(levels, axis=0), 0.0)
-        kept, most, resolved = np.exp(-fades), 2.0 * amplitudes * parted, apart / (ratio**2 - 1.0)
+        kept, most, resolved = np.exp(-fades), 2.0 * amplitudes * parted, np.minimum(*apart) / (self.ratio**2 - 1.0)
         found, off = np.zeros_like(amplitudes), resolved[0]
         # at the start, what drifts most of a vibration that fades before the next window: s exp(-s fades), s up to 1
         soon = drifts * amplitudes[0] * np.exp(-np.minimum(fades[0], 1.0)) / np.maximum(fades[0], 1.0)
         found[0] = np.where(out[0], np.minimum(soon, most[0]), 0.0)
         since = np.where(out[0], 0.0, MET)  # what the coarser run went off by since it was out of phase, rad
         for k in range(1, len(out)):
-            since = np.where(out[k], 0.0, since + (ratio**2 - 1.0) * drifts)
+            since = np.where(out[k], 0.0, since + (self.ratio**2 - 1.0) * drifts)
             out[k] = since < MET
             before, off = most[k - 1], kept[k - 1] * off + drifts * amplitudes[k]
             most[k] = np.maximum(most[k], kept[k - 1] * before)
