@@ -11,9 +11,9 @@ omega h - log lambda|`` in each step (Hughes 2000, section 9.1). What it is off 
 by which a falls faster than ``|lambda|``, and is no more than ``2 a d / (a + b)``, where the coarser run has b: with
 ``b = a`` that is d, and 2 a where the coarser run has no vibration left. A band goes on to count until the coarser run
 would have left the other by `MET` since d was large, as phases that have parted meet again. Corners are in all bands.
-Where forces have them between the coarser run's instants, both runs do: up to half of the frequency of these d is
-interpolated, which they are not in, and a band above counts where it is `TONE` times those around it. The largest of
-many points has kinks of its own: there every band counts by that, with `PEAK`.
+Where a controller's reference has some, forces have them between the coarser run's instants, in both runs: up to half
+of the frequency of these d is interpolated, and a band above counts where it is `TONE` times those around it. The
+largest of many points, and the size of a force, have kinks of their own: every band counts by that, with `PEAK`.
 
 **Lower order**, where friction or short contacts act: what is left of d counts a seventh for r = 5 (`rough`), and the
 estimate is unsure. Where a force jumps (over time, in a formula, of friction as a held one does) the order is one.
@@ -278,10 +278,12 @@ def step_errors(
     differences = dict(zip(outputs, (coarse - there).T))
     marks = {name: (output.kinked_in(scene), output.jumps_in(scene)) for name, output in scene.outputs.items()}
     kinked, jumping = np.array([marks.get(name, (False, False)) for name in outputs]).T
-    apart, between = (scipy.interpolate.CubicSpline(at, values)(time[covered]) for values in (coarse - there, coarse))
-    bands = Bands.of(scene.simulation.spectral_radius, n_steps, ratio)
+    cornered = any(one.cornered for one in scene.controllers.values())
+    apart, values = (scipy.interpolate.CubicSpline(at, one)(time[covered]) for one in (coarse - there, coarse))
     # what jumps at instants of both has no vibrations that are seen between those
-    found, turns = bands.lost(fine[covered], apart, np.where(jumping, apart, between - fine[covered]), kinked)
+    between = np.where(jumping, apart, values - fine[covered])
+    bands = Bands.of(scene.simulation.spectral_radius, n_steps, ratio)
+    found, turns = bands.lost(fine[covered], apart if cornered else between, between, kinked, cornered)
     places = bands.hop * step * np.arange(len(found))
     lost = {name: np.interp(at, places, one) for name, one in zip(outputs, found.T)}
     shares = np.array([one.max() / largest[name] if largest[name] else 0.0 for name, one in lost.items()])
@@ -344,14 +346,14 @@ class Bands:
         return self.length // 2
 
     def lost(
-        self, fine: np.ndarray, apart: np.ndarray, between: np.ndarray, kinked: np.ndarray
+        self, fine: np.ndarray, apart: np.ndarray, between: np.ndarray, kinked: np.ndarray, cornered: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and ``omega h`` of the
         largest, shape (k,), of k outputs after every step, shape (n, k).
 
-        By how much the coarser run differs, shape (n, k), is a spline through the differences at its instants, `apart`,
-        and one through its outputs less the run's, `between`: corners are in both runs, and not in the first one;
-        vibrations that it has too few instants for are in the second. Which outputs have kinks tells `kinked`, (k,).
+        By how much the coarser run differs, shape (n, k), is a spline through its outputs less the run's, `between`,
+        and one through the differences at its instants, `apart`: corners are in the first one alone. Which outputs have
+        kinks of their own tells `kinked`, shape (k,), and whether what drives has corners `cornered`.
         """
         if len(fine) < 2 * self.length:
             return np.zeros((1, kinked.size)), np.full(kinked.size, np.nan)
@@ -366,7 +368,8 @@ class Bands:
         out = parted > LOST
         out[..., :LOWEST] = False
         least = np.where(kinked[:, None], PEAK, np.zeros(out.shape))
-        least[1:, :, beyond] = TONE  # a run may begin with a shock, whose vibrations fade within a window
+        if cornered:  # but at the start, which may be a shock, whose vibrations fade within a window
+            least[1:, :, beyond] = TONE
         rows = (out & (least > 0.0)).any(axis=2)
         around = scipy.ndimage.median_filter(amplitudes[rows], (1, AROUND), mode="nearest")
         out[rows] &= amplitudes[rows] > least[rows] * around

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.outputs.multipliers import ForceOutput, OfConnection, OfCoupling, OfPrescribed, share_of
+from pgmp_petsc.outputs.multipliers import SIZES, ForceOutput, OfConnection, OfCoupling, OfPrescribed, share_of
 from pgmp_petsc.outputs.readings import Reading
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.joints import CouplingEntry
@@ -38,6 +38,10 @@ class InJoint(OutputEntry):
         "second", description="on which body it acts; of a coupling the motion of which joint that it names"
     )
     frame: Literal["ground", "body"] = Field("ground", description="whose axes x, y and z are: those of that body")
+
+    def kinked_in(self, scene: Scene) -> bool:
+        """Whether it is a size, which has a kink where what it is of turns around."""
+        return self.component in SIZES
 
     def problems(self, scene: Scene, name: str) -> Iterator[str]:
         """Yield a line if there is no such joint, or it has no such component."""

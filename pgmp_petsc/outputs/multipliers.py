@@ -45,6 +45,7 @@ from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import OutputEntry, reads
 
+SIZES = ("magnitude", "radial")  # components that are the size of a vector
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
 
 
@@ -104,7 +105,7 @@ class ForceOutput:
     @property
     def is_size(self) -> bool:
         """Whether it is the magnitude of what it is made of, else that itself."""
-        return getattr(self.entry, "component", "") in ("magnitude", "radial")
+        return getattr(self.entry, "component", "") in SIZES
 
     def parts(self, seen: Seen) -> np.ndarray:
         """Return what the output is made of, shape (n_parts, n)."""

@@ -124,6 +124,11 @@ class ControllerEntry(Table):
         """Return whether its force may jump within a step of that length, s, at other instants than its samplings."""
         return not self.sample_time and jumps_within(self.reference.table or (), step)
 
+    @property
+    def cornered(self) -> bool:
+        """Whether its force may follow corners of its reference at once."""
+        return not self.sample_time and self.reference.table is not None
+
     def problems(self, scene: AnyScene, name: str) -> Iterator[str]:
         """Yield a line for each entry that does not fit the rest of the scene; names of tables are looked at."""
         yield from ()

@@ -84,7 +84,7 @@ simulation: duration = 0.4; step = 5e-4
 """)
 
 
-@pytest.mark.parametrize(("drive", "most"), [(TORQUE, 1.5), (SERVO, 6.0)])
+@pytest.mark.parametrize(("drive", "most"), [(TORQUE, 1.5), (SERVO, 4.0)])
 def test_corners_of_what_drives_are_no_vibration_that_is_lost(tmp_path: Path, drive: str, most: float) -> None:
     """Forces have corners then between the coarser run's instants, which are in both runs: 18 to 41 times the error was
     estimated of the belt's torque."""
