@@ -496,11 +496,6 @@ def _shape(file: Path, mode: int, at: Mapping[str, float], comm: Comm) -> ModeSh
     return on_root(comm, mode_shape, model, mode, at)
 
 
-def _deforms(run: Trajectory) -> bool:
-    """Return whether a body of a run deforms; frames that are not there are refused where they are drawn."""
-    return run.frames is None or not set(run.frames.positions) <= set(run.frames.rigid)
-
-
 def _draw(
     file: Path,
     output: Path,
@@ -516,7 +511,9 @@ def _draw(
 
     if shape is None:
         run = Trajectory.read(file)
-        motion: Motion = motion_of(run, field or ("mises" if _deforms(run) else "none"), scale)
+        # frames that are not there are refused where they are drawn
+        deforms = run.frames is None or not set(run.frames.positions) <= set(run.frames.rigid)
+        motion: Motion = motion_of(run, field or ("mises" if deforms else "none"), scale)
     else:
         motion = vibration_of(shape, field or "displacement", scale)
     pace = Pace.of(len(motion.captions), fps, seconds)

@@ -244,7 +244,8 @@ def measure(unit: str) -> tuple[float, Dimension]:
         dimension = dict(quantity.dimensionality)
         factor = float(quantity.magnitude)
     except Exception as error:  # of many kinds, also of Python's own parser
-        raise UnknownUnit(f"no such unit{_nearest(unit)}; {NEEDED}") from error
+        hint = nearest_name(unit, (*UNITS, *names_in_others(), *COMMON))
+        raise UnknownUnit(f"no such unit{hint if 'did you mean' in hint else ''}; {NEEDED}") from error
     strange = [name for name in dimension if name not in BASE]
     if strange or not (math.isfinite(factor) and factor > 0.0):
         raise UnknownUnit(f"made from {', '.join(strange) or 'no'} units, which scenes have no use for; {NEEDED}")
@@ -365,8 +366,3 @@ def names_in_others() -> dict[str, tuple[float, Dimension]]:
 
 #: The units that pint knows, read in a third of a second, for which few scenes wait.
 _registry = cache(lambda: import_module("pint").UnitRegistry())
-
-
-def _nearest(unit: str) -> str:
-    hint = nearest_name(unit, (*UNITS, *names_in_others(), *COMMON))
-    return hint if "did you mean" in hint else ""

@@ -416,13 +416,6 @@ def _n_terms(body: Body) -> int:
     return max(len(one.solid.weights(kind)) for one in body.to_condense for kind in ("mass", "stiffness"))
 
 
-def _dense(scene: Scene, mechanism: Mechanism) -> float:
-    """Return the predicted processor time of the fields of condensed bodies at a configuration, s."""
-    cells = [body for body in mechanism.bodies if body.to_condense]
-    n_fields = [FIELDS * scene.reduction.modes * (1.0 + OF_TERM * (_n_terms(body) - 1)) for body in cells]
-    return sum(FIELDS_CUBE * min(n, body.n_internal) ** 3 for n, body in zip(n_fields, cells))
-
-
 def configuration_seconds(n_unknowns: int, n_modes: int, tells_forces: bool) -> float:
     """Return the predicted processor time of a configuration of a build, s, without what condensed bodies add: of its
     eigenproblem, and of the gaps of joints that tell their forces."""
@@ -441,7 +434,11 @@ def build_seconds(scene: Scene, mechanism: Mechanism) -> float:
     condensed first."""
     n_unknowns = sum(body.dofs.size for body in mechanism.bodies if not body.to_condense)
     n_configurations = scene.reduction.angles ** len(scene.coordinates)
-    each = configuration_seconds(n_unknowns, scene.reduction.modes, tells_forces(scene)) + _dense(scene, mechanism)
+    fields = 0.0  # of condensed bodies
+    for body in filter(lambda body: body.to_condense, mechanism.bodies):
+        n_fields = FIELDS * scene.reduction.modes * (1.0 + OF_TERM * (_n_terms(body) - 1))
+        fields += FIELDS_CUBE * min(n_fields, body.n_internal) ** 3
+    each = configuration_seconds(n_unknowns, scene.reduction.modes, tells_forces(scene)) + fields
     return count_builds(scene) * (MODEL + condensing(mechanism) + n_configurations * each)
 
 

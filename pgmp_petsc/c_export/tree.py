@@ -79,6 +79,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     drives = [braced(one, prescribed[motion], float(sign)) for one, motion, sign in own.driven.tolist()]
     pushes, (owners, behind) = _pushes(own, equations), _carried(own, mechanism.n_nodes)
     strengths, gravity = list(found.strength_units), own.problem.floating.gravity_loads
+    faces = own.joints.tree
     ranges = [braced(c.lower, c.upper - c.lower, 1, 2, c.periodic, 0) for c in mechanism.coordinates]
     sizes = _sizes(system, parts) | {
         "N_CONSTRAINT_TERMS": len(constraints), "N_PUSHES": len(pushes), "N_DRIVES": len(drives),
@@ -86,7 +87,7 @@ def tree_constants_of(model: ComponentModel, what: str) -> Constants:
     }  # fmt: skip
     lists = {
         "const struct body tree[N_TREE]": list(_bodies(own)),
-        "const struct face faces[]": list(_faces(own)),
+        "const struct face faces[]": list(map(braced, faces.face_nodes, *faces.at.T, faces.centres)),
         "const struct mass masses[]": parts.masses,
         "const struct push pushes[]": pushes,
         "const struct drive drives[]": drives,
@@ -226,12 +227,6 @@ def _bodies(own: JointEquations) -> Iterator[str]:
             tree.faces[k + 1], table, rows, columns, curved, *map(float, (*damped, tree.rest[k])), tree.before[k],
             tree.after[k],
         )  # fmt: skip
-
-
-def _faces(own: JointEquations) -> Iterator[str]:
-    tree = own.joints.tree
-    for node, (shapes, bends), centre in zip(tree.face_nodes, tree.at, tree.centres):
-        yield braced(node, shapes, bends, centre)
 
 
 def _pushes(own: JointEquations, equations: FullEquations) -> list[str]:

@@ -253,7 +253,11 @@ def take(file: Path) -> None:
         for family in FAMILIES:
             for cls in family.classes.values():
                 if cls.__module__ == module.__name__:
-                    _complete(cls)
+                    try:
+                        cls.model_rebuild()
+                    except PydanticUndefinedAnnotation as error:
+                        what = f"an entry has the type {error.name}, which is not defined"
+                        raise refuse(cls, what) from error
         if len(IN_USE) == n_before:
             declared = ", ".join(f"{family.base} ({family.what})" for family in FAMILIES)
             raise InputError(
@@ -274,14 +278,6 @@ def take(file: Path) -> None:
     finally:
         for told in WHEN_GROWN:
             told()
-
-
-def _complete(cls: type[BaseModel]) -> None:
-    """Refuse a class whose entries name types that there are not."""
-    try:
-        cls.model_rebuild()
-    except PydanticUndefinedAnnotation as error:
-        raise refuse(cls, f"an entry has the type {error.name}, which is not defined") from error
 
 
 def _check_printed(one: Printed, printed: Iterable[Printed]) -> None:

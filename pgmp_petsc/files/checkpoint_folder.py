@@ -95,13 +95,10 @@ class CheckpointFolder:
         except OSError as error:
             raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
         if not (found and resume) or any(found[key] != value for key, value in self._growing.items()):
-            self._put_label()
+            with replacing(self.path / LABEL, "checkpoint") as waiting:
+                waiting.write_text(json.dumps({"program": PROGRAM, **self._run, **self._growing}))
         keep(self.path, PIECES)
         return remarks
-
-    def _put_label(self) -> None:
-        with replacing(self.path / LABEL, "checkpoint") as waiting:
-            waiting.write_text(json.dumps({"program": PROGRAM, **self._run, **self._growing}))
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store a piece; any process may, each its own names. The arrays are not to be changed any more. Raises

@@ -88,7 +88,8 @@ def add_beams(beams, width, rayleigh, block, q, v, a, gains, fresh, x, place, di
                     for j in range(i + 1):
                         value = gain_k * tangent[at]
                         if i % 3 == j % 3:
-                            value += gain_m * _shared(i, j) * density[i // 3 % N_VECTORS, j // 3 % N_VECTORS]
+                            shared = (2.0 if i // 12 == j // 12 else 1.0) / 6.0  # of both shape functions
+                            value += gain_m * shared * density[i // 3 % N_VECTORS, j // 3 % N_VECTORS]
                         position = beams.positions[e, at]
                         if position < 0:
                             diagonal[-1 - position, lane] += value
@@ -106,12 +107,6 @@ def _density(axes, section, length, density):
         for j in range(3):
             moment = section[8] * axes[i, 1] * axes[j, 1] + section[7] * axes[i, 2] * axes[j, 2]
             density[1 + i, 1 + j] = moment * length
-
-
-@njit(inline="always")
-def _shared(i, j):
-    """Return the integral of the shape functions of two unknowns' nodes over the length."""
-    return (2.0 if i // 12 == j // 12 else 1.0) / 6.0
 
 
 @njit(cache=True, error_model="numpy")

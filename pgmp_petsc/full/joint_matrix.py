@@ -22,7 +22,7 @@ from __future__ import annotations
 from pgmp_petsc.full.joint_tree import BALL, BY_AXES, FREE
 from pgmp_petsc.full.layout import by_dimension
 from pgmp_petsc.lanes.compiled import njit
-from pgmp_petsc.lanes.lane_items import fused, items
+from pgmp_petsc.lanes.lane_items import fill, fused, items
 
 WIDE_COLUMN = 15  # force, moment and tensor of a column in space; force and moment in the plane
 N_SPARE = 128
@@ -432,6 +432,9 @@ def _fill_matrix(axes, problem, tree, width, block, gains, room, matrix, n_all):
     floating bodies are in the room."""
     d = len(axes)
     m = (1 + d) * (1 + d)
+    fill(room.inertia, 0.0, width)
+    fill(room.spare, 0.0, width)
+    fill(matrix, 0.0, width)
     z, ways, turned, packed = (
         items(room.z, width), items(room.ways, width), items(room.turned, width), items(room.entries, width)
     )  # fmt: skip
@@ -439,13 +442,6 @@ def _fill_matrix(axes, problem, tree, width, block, gains, room, matrix, n_all):
         items(room.inertia, width), items(room.columns, width), items(room.spare, width), items(matrix, width)
     )  # fmt: skip
     moves, forces = items(room.moves, width), items(room.forces, width)
-    zero = 0.0 * z[0]
-    for i in range(inertia.size):
-        inertia[i] = zero
-    for i in range(matrix.size):
-        matrix[i] = zero
-    for i in range(spare.size):
-        spare[i] = zero
     _add_masses(problem, width, block, gains, inertia, axes, z, spare)
     for k in range(tree.kinds.size - 1, -1, -1):
         on, held, number = tree.nodes[k, 0], tree.nodes[k, 1], tree.floating[k]

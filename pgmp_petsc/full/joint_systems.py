@@ -148,8 +148,8 @@ class JointEquations:
         starts, _, unknowns = bound.rows.entries
         row_starts = starts[np.searchsorted(bound.places, np.arange(chosen.size + 1))]
         n_own = self.set.n_constraints - self.set.n_driven
-        lengths = self.set.lengths_among(np.concatenate([chosen, n_own + self.driven[:, 1]]))
-        weights = np.where(lengths, 1.0, equations.size**2)
+        _, statements, *_ = self.set.statements_among(np.concatenate([chosen, n_own + self.driven[:, 1]]))
+        weights = np.array([1.0 if part.is_length else equations.size**2 for part, _ in statements])
         floating = problem.floating
         n_packed = int(floating.firsts[-1, 2]) if floating.body.size else 0
         n_all, n_frame, n_nodes = n_dofs + weights.size, d * (d + 1), self._unknowns.mechanism.n_nodes

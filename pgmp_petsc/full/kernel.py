@@ -110,15 +110,6 @@ def of_element(x, dofs, e):
     return x[dofs[e, 0]], x[dofs[e, 1]], x[dofs[e, 2]], x[dofs[e, 3]], x[dofs[e, 4]], x[dofs[e, 5]]
 
 
-@njit(error_model="numpy", forceinline=True)
-def _plus(x, factor, y):
-    """Return ``x + factor y`` of six numbers each."""
-    return (
-        x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2], x[3] + factor * y[3], x[4] + factor * y[4],
-        x[5] + factor * y[5],
-    )  # fmt: skip
-
-
 @njit(cache=True, error_model="numpy")
 def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
@@ -139,7 +130,10 @@ def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, pla
         if elements.damped:
             beta, alpha = sections[block, body, 5], sections[block, body, 6]
             rate = of_element(v, dofs, e)
-            moving = _plus(moving, alpha, rate)
+            moving = (
+                moving[0] + alpha * rate[0], moving[1] + alpha * rate[1], moving[2] + alpha * rate[2],
+                moving[3] + alpha * rate[3], moving[4] + alpha * rate[4], moving[5] + alpha * rate[5],
+            )  # fmt: skip
             viscous = viscous_stresses(strain_rates(rate, strain, cos, sin, length), section, beta)
             total = stress[0] + viscous[0], stress[1] + viscous[1], stress[2] + viscous[2]
             stiffer, gain_m = gain_k * (1.0 + gain_v * beta), gain_a + gain_v * alpha

@@ -38,7 +38,6 @@ from pgmp_petsc.full.parts import (
 )
 from pgmp_petsc.full.rank_solver import NoMatrix, RankLayout, WholeLayout
 from pgmp_petsc.lanes.lane_items import SampleBlocks, width_of
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Unknowns
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -127,9 +126,12 @@ class FullEquations:
         values = {name: np.broadcast_to(value, (blocks.n_samples,)) for name, value in values.items()}
         share = Share(unknowns.bodies, rows, values, blocks, self.damping)
         d = unknowns.dimension
-        self.owners = _first_unknowns(self.constraints)
         n, n_driven = self.constraints.n_constraints, self.constraints.n_driven
-        self.chosen = np.arange(n - n_driven, n) if in_joints else _touching(self.constraints, share)
+        of_entries, columns = self.constraints.jacobian_pattern
+        # the lowest unknown of every constraint, with which its multiplier goes
+        self.owners = np.full(n, self.constraints.n_dofs)
+        np.minimum.at(self.owners, of_entries, columns)
+        self.chosen = np.arange(n - n_driven, n) if in_joints else np.unique(of_entries[share.owns(columns)])
         self.owned_constraints = share.owns(self.owners[self.chosen])
         masses = AffineMatrices(kinematics.mechanism.bodies, unknowns.in_mechanism(self.rows))
         # a couple that is constant in body frames is none in space
@@ -253,20 +255,6 @@ class FullEquations:
         dofs = self.layout.unknowns(self.unknowns.of_mechanism(own.start + vectors.col.astype(int)))
         weights = np.concatenate([weights, np.ones((n_falling, blocks.n_samples))])
         return Loads(vectors.row.astype(int), dofs, vectors.data, blocks.pack(weights))
-
-
-def _first_unknowns(constraints: ConstraintSet) -> np.ndarray:
-    """Return the lowest unknown of every constraint, with which its multiplier goes, shape (n_constraints,)."""
-    rows, columns = constraints.jacobian_pattern
-    first = np.full(constraints.n_constraints, constraints.n_dofs)
-    np.minimum.at(first, rows, columns)
-    return first
-
-
-def _touching(constraints: ConstraintSet, share: Share) -> np.ndarray:
-    """Return the numbers of the constraints with an unknown of a rank, increasing."""
-    of_entries, columns = constraints.jacobian_pattern
-    return np.unique(of_entries[share.owns(columns)])
 
 
 def _acting(actions: Sequence[Action], unknowns: Unknowns, share: Share) -> list[bool]:

@@ -162,9 +162,8 @@ def _take_steps_of_block(
             expected[lane] = FIRST_CONTRACTION if probed[k] or bending else contraction[lane]
             active[lane] = samples[lane]
         if about:
-            _add(width, 1.0, reference[0][k, block], ahead[0])
-            _add(width, 1.0, reference[1][k, block], ahead[1])
-            _add(width, 1.0, reference[2][k, block], ahead[2])
+            for part in range(3):
+                _add(width, 1.0, reference[part][k, block], ahead[part])
         state = ahead[0], ahead[1], ahead[2], forces, counted
         going = lanes
         forget_rates(rates)
@@ -204,9 +203,8 @@ def _take_steps_of_block(
         else:
             count_turns_in_joints(problem, joints, ahead[0], counted)
         if about:
-            _add(width, -1.0, reference[0][k, block], ahead[0])
-            _add(width, -1.0, reference[1][k, block], ahead[1])
-            _add(width, -1.0, reference[2][k, block], ahead[2])
+            for part in range(3):
+                _add(width, -1.0, reference[part][k, block], ahead[part])
         _follow(width, scheme, a, auxiliary, ahead[2], lanes, follows)
         if lanes_of(lost):
             return k + 1

@@ -42,11 +42,7 @@ def _width(count: int) -> int:
     return next(w for w in range(count + 1) if _at(w, 0) == count)
 
 
-def _tile(w: int) -> types.Type:
-    return types.UniTuple(vector, _at(w, 0))
-
-
-@built(lambda array, at, stride, like: _tile(len(like))(array, types.intp, types.intp, like))
+@built(lambda array, at, stride, like: types.UniTuple(vector, _at(len(like), 0))(array, types.intp, types.intp, like))
 def load_tile(builder, array, at, stride, like):
     """Return the tile that begins at an entry of a packed triangle, as wide as the tuple `like` is long.
 

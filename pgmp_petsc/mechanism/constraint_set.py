@@ -303,10 +303,6 @@ class ConstraintSet:
         parts = [self._statements[k if k < n_joints else n_joints + k - first_driven] for k in original[own]]
         return own, parts, wanted, motions
 
-    def lengths_among(self, chosen: np.ndarray) -> np.ndarray:
-        """Return which of constraints with given numbers, of no ties, are measured in m."""
-        return np.array([part.is_length for part, _ in self.statements_among(chosen)[1]], dtype=bool)
-
     def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:
         """Return the place of every tie among chosen constraints, -1 where it is not, shape (n_ties,), and the ties."""
         place = np.full(self._first[-1], -1)

@@ -382,7 +382,10 @@ class RigidKinematics:
         n_poses = space.n_dofs * n_bodies
         rank = self._rank(poses)
         if n_poses - rank != self.n_coordinates:
-            if rank < n_poses - self.n_coordinates == self._rank(self._elsewhere(poses)):
+            moved = np.random.default_rng(0).normal(scale=0.1, size=poses.shape)
+            moved[:, : space.dimension] *= self.size
+            # whether near these there are other poses, at which the mechanism is closed and may go on; best effort
+            if rank < n_poses - self.n_coordinates == self._rank(self._closure.closed_freely(poses + moved)):
                 where = np.round(self._closure.measured(poses)[:, 0], 9) + 0.0  # assembled to less
                 raise InputError(
                     f"joints: at {self.describe(where)} the rigid mechanism is in a "
@@ -475,12 +478,6 @@ class RigidKinematics:
         rows = slice(self._closure.n_constraints)
         values = self._closure.singular_values(self._closure.jacobian(poses)[:, rows])[0]
         return int(np.sum(values > SINGULAR_TOLERANCE * values[0])) if values.size else 0
-
-    def _elsewhere(self, poses: np.ndarray) -> np.ndarray:
-        """Return other poses near these at which the mechanism is closed, if there are any; best effort."""
-        moved, d = np.random.default_rng(0).normal(scale=0.1, size=poses.shape), self.mechanism.space.dimension
-        moved[:, :d] *= self.size
-        return self._closure.closed_freely(poses + moved)
 
 
 def measured(

@@ -20,7 +20,7 @@ from pgmp_petsc.models.full import ComponentModel, EvaluatedOutputs, FullModel, 
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import Observing, ReducedModel, begun
 from pgmp_petsc.outputs.outputs import in_order
-from pgmp_petsc.outputs.readings import AnyReading, ModelReading, Needs, Rate
+from pgmp_petsc.outputs.readings import ModelReading, Needs, Rate
 from pgmp_petsc.reduced.actions import ReducedActions
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduced.terms import ReducedTerms
@@ -79,7 +79,10 @@ class LengthLanes(Observing):
             if "outputs" in self.scene.outputs[name].reads and not isinstance(functions[name], Rate)
         ]  # fmt: skip
         self.formulas = {one.name: functions[one.name] for one in model.outputs.forces}
-        self.formulas |= {name: _of_others(self.scene, name) for name in of_others}
+        for name in of_others:
+            entry = self.scene.outputs[name]
+            found = {one: ModelReading(one, Needs()) for one in entry.made_in(self.scene)}
+            self.formulas[name] = entry.combined(f"outputs.{name}", found, self.scene)
         self.lengths = length_names(model.scene)
         family = model.rom.family
         self.grid, self.check, self.checked = family.grid, family.check, family.checked
@@ -195,12 +198,6 @@ class _JointAngles:
 
     def _sum(self, what: str, eta: np.ndarray) -> np.ndarray:
         return self._lanes._sum(lambda one: getattr(one.joint_angles, what)(eta).T, len(eta), self._values).T
-
-
-def _of_others(scene: Scene, name: str) -> AnyReading:
-    """Return what an output reads of others that a model has found."""
-    entry = scene.outputs[name]
-    return entry.combined(f"outputs.{name}", {one: ModelReading(one, Needs()) for one in entry.made_in(scene)}, scene)
 
 
 def blended(shares: Iterable[np.ndarray | float], each: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -406,7 +406,9 @@ def _refuse_undetermined(
             continue
         if isinstance(output, OfCoupling):
             _refuse(f"{table}.{output.name}", sharing, "")
-        of, axes = _map_of(output, frames, mechanism), _chosen(output, frames)
+        of = _map_of(output, frames, mechanism)
+        units = np.eye(1 if output.entry.turning and output.space.dimension == 2 else output.space.dimension)
+        axes = np.concatenate([output.component(unit[:, None], frames) for unit in units], axis=1)
         for axis, row in zip(axes, axes @ of):
             if np.abs(row @ shares).max() > UNDETERMINED * max(1.0, np.abs(row).max()):
                 words = _combination(output, axis, shares, sharing, frames, mechanism)
@@ -420,12 +422,6 @@ def _map_of(output: OfConnection, frames: Frames, mechanism: Mechanism) -> np.nd
         force, moment = nothing.wrench(Seen((frames,), multipliers=unit[:, None]))
         columns.append((moment if output.entry.turning else force)[:, 0])
     return np.array(columns).T
-
-
-def _chosen(output: OfConnection, frames: Frames) -> np.ndarray:
-    """Return the directions that a component takes, shape (n, n_components)."""
-    units = np.eye(1 if output.entry.turning and output.space.dimension == 2 else output.space.dimension)
-    return np.concatenate([output.component(unit[:, None], frames) for unit in units], axis=1)
 
 
 def _combination(
