@@ -593,7 +593,7 @@ def headline_of_run(path: Path) -> str:
     worst, error = _worst(known), "errors were not estimated"
     if worst is not None:
         of = " of the time step" if run.errors.what == OF_STEP else ""
-        part = f" up to {run.errors.time[-1]:.4g} s" if run.errors.end_before(run.time[-1]) else ""
+        part = f" over the first {run.errors.time[-1]:.4g} s" if run.errors.end_before(run.time[-1]) else ""
         error = f"estimated error{of}{part} at most {share_text(known[worst])} ({worst})"
     elif run.model == "full":
         error = "nothing was reduced"

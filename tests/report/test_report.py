@@ -738,9 +738,9 @@ def test_an_error_that_two_runs_with_the_same_step_share_is_said(folder: Path) -
         ("full", 1000, None, False, "full order, 1000 steps to 1 s; nothing was reduced"),
         ("reduced", 1000, False, False, "reduced, 1000 steps to 1 s; errors were not estimated"),
         ("reduced", 1000, False, True,
-         "reduced, 1000 steps to 1 s; estimated error up to 0.2 s at most 20 % (slider_deformation)"),
+         "reduced, 1000 steps to 1 s; estimated error over the first 0.2 s at most 20 % (slider_deformation)"),
         ("full", 400, True, True,
-         "full order, 400 steps to 0.4 s of 1 s; estimated error of the time step up to 0.2 s at most 20 % "
+         "full order, 400 steps to 0.4 s of 1 s; estimated error of the time step over the first 0.2 s at most 20 % "
          "(slider_deformation)"),
     ],
 )  # fmt: skip
