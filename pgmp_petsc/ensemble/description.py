@@ -107,7 +107,7 @@ def describe_ensemble(
         *kept.remarks,
         *failure_remarks(
             status, *own, origin.model, scene.ensemble.failed_share, may_be_retried, length_names(scene),
-            scene.balance_cure,
+            scene.beyond_steps,
         ),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
@@ -495,14 +495,14 @@ def failure_remarks(
     hidden: float = 1.0,
     may_be_retried: bool = True,
     lengths: Sequence[str] = (),
-    balance_cure: str = "",
+    beyond_steps: str = "",
 ) -> Iterator[Remark]:
     """Return what is to be said of failed samples of a model by status (N,) and drawn values (N,) with their units;
     nothing where all are fine.
 
     `hidden` is the largest share of failed samples that the others are described without; `may_be_retried` says whether
     a further try takes any of them with steps that were not tried; `lengths` are parameters with which a mechanism may
-    not close; `balance_cure` is what helps where forces have no balance.
+    not close; `beyond_steps` is what helps where smaller steps do not.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -512,7 +512,7 @@ def failure_remarks(
         reason, count = Status(code), int(np.sum(status == code))
         yield warning(
             f"{count} of {n} samples failed (status {int(code)}): {_meanings(lengths)[reason]}; cure: "
-            f"{reason.cure(model, balance_cure)}"
+            f"{reason.cure(model, beyond_steps)}"
         )
     if n_failed == n:
         yield warning("no sample is fine, so the outputs have no statistics")

@@ -146,7 +146,7 @@ def _fine(model: Model, once: Callable[[Attempt], tuple[Run, Any]]) -> tuple[Att
     attempt, done, own = kept[0]
     status = Status(done.status[0])
     if status != Status.FINE:
-        cure = status.cure(model.name, model.scene.balance_cure)
+        cure = status.cure(model.name, model.scene.beyond_steps)
         raise RunError(f"the run stopped at {done.failure_time[0]:.6g} s: {status.meaning}; {cure}")
     return attempt, own
 

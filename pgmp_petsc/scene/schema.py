@@ -238,13 +238,15 @@ class Scene(Table):
         return tuple(f"effects.{name}.force" for name, effect in self.effects.items() if effect.jumps_with - {"t"})
 
     @property
-    def balance_cure(self) -> str:
-        """A cure where smaller steps do not help, as some forces have no balance; empty where all have one."""
+    def beyond_steps(self) -> str:
+        """What helps where smaller steps do not, as where forces have no balance, or bodies turn fast."""
         cures = []
         if self.carried:
             cures.append(f"less coefficient or radius of {', '.join(self.carried)}, with which joints may jam")
         if self.jumping:
             cures.append(f"{', '.join(self.jumping)} written without a jump (max, min, tanh)")
+        if self.simulation.spectral_radius > numerics.Simulation.model_fields["spectral_radius"].default:
+            cures.append("a smaller simulation.spectral_radius, with which bodies may turn by more in a step")
         return f", and where none helps {', or '.join(cures)}" if cures else ""
 
     @property

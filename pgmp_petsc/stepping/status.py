@@ -23,13 +23,13 @@ class Status(IntEnum):
         """Return the reason in words."""
         return _MEANINGS[self]
 
-    def cure(self, model: str, balance_cure: str = "") -> str:
+    def cure(self, model: str, beyond_steps: str = "") -> str:
         """Return what helps against it in runs of a model (its name), empty where it is fine.
 
-        `balance_cure` is what helps where forces of the scene have no balance (`Scene.balance_cure`).
+        `beyond_steps` is what helps where smaller steps do not (`Scene.beyond_steps`).
         """
         beyond = _BEYOND_THE_REDUCED.get(self, "") if model == "reduced" else ""
-        return _CURES[self] + beyond + (balance_cure if self == Status.NOT_CONVERGED else "")
+        return _CURES[self] + beyond + (beyond_steps if self == Status.NOT_CONVERGED else "")
 
 
 class Outcome(IntEnum):

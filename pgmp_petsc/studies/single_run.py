@@ -171,7 +171,7 @@ def why_stopped(model: Model, run: Run, reason: str, reached: np.ndarray) -> lis
     what = f"{model.name} simulation stopped at {when}: {status.meaning}"
     if status == Status.LEFT_RANGE:
         what += f" ({_at_its_end(model.kinematics.coordinates, reached)})"
-    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name, model.scene.balance_cure)))))]
+    return [warning("; ".join(filter(None, (what, reason or status.cure(model.name, model.scene.beyond_steps)))))]
 
 
 def _at_its_end(coordinates: Sequence[Coordinate], reached: np.ndarray) -> str:

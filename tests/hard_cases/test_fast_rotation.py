@@ -54,3 +54,11 @@ def test_one_that_no_step_helps_says_so(tmp_path: Path) -> None:
     path.write_text(WHEEL)
     said = pgmp("simulate", path, "--full", "-o", out, *overridden("parameters.speed.nominal=5e3"), status=1).stderr
     assert Status.UNSTABLE.meaning in said and "a smaller simulation.spectral_radius" in said
+
+
+@pytest.mark.parametrize(("radius", "named"), [(0.98, True), (0.8, False)])
+def test_an_iteration_that_fails_names_the_damping(radius: float, named: bool) -> None:
+    """Of a bar at 200 rad/s on a hinge at its end, which fails with an eighth of the step too."""
+    cure = Status.NOT_CONVERGED.cure("full", of_text(WHEEL, f"simulation.spectral_radius={radius}")().beyond_steps)
+    assert cure.startswith("take a smaller simulation.step")
+    assert ("a smaller simulation.spectral_radius" in cure) == named

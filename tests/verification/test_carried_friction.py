@@ -344,7 +344,7 @@ def test_where_joints_jam_no_step_is_said_to_help():
     run = integrate(model.batch(samples(model.scene, 1), 1), model.scene.simulation)
     [stopped] = why_stopped(model, run, "", np.zeros((1, 1)))
     [failed, _] = failure_remarks(
-        run.status, {"mu": np.array([1.5])}, {}, "reduced", balance_cure=model.scene.balance_cure
+        run.status, {"mu": np.array([1.5])}, {}, "reduced", beyond_steps=model.scene.beyond_steps
     )
     for remark in (stopped, failed):
         assert "where none helps less coefficient or radius of in_main, in_pin, in_guide" in remark.text

@@ -124,7 +124,7 @@ def test_derivatives_say_that_they_leave_out_jumps_that_move(force: str, jumps: 
     model = SimpleNamespace(name="reduced", scene=cart(f"effects.e={law}"))
     found = [remark.text for remark in difference_remarks(model, 0.0)]
     assert [text.split(":")[0] for text in found] == ["effects.e.force"] * jumps
-    cure = Status.NOT_CONVERGED.cure("reduced", model.scene.balance_cure)
+    cure = Status.NOT_CONVERGED.cure("reduced", model.scene.beyond_steps)
     assert cure.endswith("where none helps effects.e.force written without a jump (max, min, tanh)") == jumps
 
 
