@@ -227,29 +227,34 @@ def of_event(
     return int(count.sum()), int(sizes.sum()), intervals.of_probability(count, sizes, confidence, lost)
 
 
-def holds_to(excess: np.ndarray, largest: np.ndarray, true: np.ndarray, confidence: float) -> float:
+def holds_to(
+    excess: np.ndarray, largest: np.ndarray, true: np.ndarray, replicates: np.ndarray | None, confidence: float
+) -> float:
     """Return up to which error of an output a probability holds, as a share of the output's size in each sample.
 
     With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider by
     more than it is, and by more than `MATTERS` of the probability. NaN of no samples. Arguments (N,) are by how much
-    the output is beyond the level, its largest size, and whether the event came true.
+    the output is beyond the level, its largest size, whether the event came true, and replicates as of `of_event`.
     """
-    n, count = true.size, int(true.sum())
+    n = true.size
     if not n:
         return float("nan")
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.abs(excess) / largest
     shares[np.isnan(shares)] = np.inf
-    order = np.argsort(shares)
-    lost, gained = np.cumsum(true[order]), np.cumsum(~true[order])
-    low, high = intervals.of_probability(count, n, confidence)
-    room = max(high - low, MATTERS * count / n)
+    order, every, none = np.argsort(shares), np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+
+    def interval(true: np.ndarray) -> np.ndarray:
+        return of_event(true, every, none, replicates, confidence)[2]
+
+    low, high = interval(true)
+    room = max(high - low, MATTERS * np.mean(true))
 
     def matters(place: int) -> bool:
         """Return whether the samples up to a place matter, if all of them are in doubt."""
-        least = intervals.of_probability(count - int(lost[place]), n, confidence)[0]
-        most = intervals.of_probability(count + int(gained[place]), n, confidence)[1]
-        return (most - high) + (low - least) > room
+        doubted = none.copy()
+        doubted[order[: place + 1]] = True
+        return interval(true | doubted)[1] - high + low - interval(true & ~doubted)[0] > room
 
     place = bisect_left(range(n), True, key=matters)
     return float(shares[order[place]]) if place < n else np.inf
