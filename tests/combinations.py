@@ -222,34 +222,38 @@ def assembled(mesh) -> Assembled:
 
 
 @cache
+def bare(kind: str) -> Scene:
+    return scene_from_toml(KINDS[kind].replace('"r1"', "5.6e-3"), ".", TINY)
+
+
+@cache
 def scene_of(kind: str, feature: str) -> Scene:
     """Return the scene of a kind of mechanism with a feature; raises `InputError` where the scene refuses it."""
-    text = KINDS[kind]
-    bare = scene_from_toml(text.replace('"r1"', "5.6e-3"), ".", TINY)
-    bodies, joints = list(bare.bodies), list(bare.joints)
-    space = bare.dimension == 3
-    ends = [float(x) for x in described(bare.bodies[bodies[0]]).split(":")[:2]]
+    plain = bare(kind)
+    bodies, joints = list(plain.bodies), list(plain.joints)
+    space = plain.dimension == 3
+    ends = [float(x) for x in described(plain.bodies[bodies[0]]).split(":")[:2]]
     start, end, centre = ([x, *([0.0] * (2 if space else 1))] for x in (*ends, 0.5 * sum(ends)))
     words = {
         "start": start, "end": end, "centre": centre,
         "moments": "[4e-3,5e-3,6e-3,0.0,0.0,1e-3]" if space else "4e-3",
-        "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
-        "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
+        "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(plain.coordinates)),
+        "mesh": described(plain.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
         "turns": 'type="revolute",axis=[0.0,0.0,1.0]' if space else 'type="revolute"',
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
         "stiff": "[1e6,2e6,3e6]" if space else "[1e6,2e6]",
         "small": "[1e-5,0.0,0.0]" if space else "[1e-5,0.0]",
         "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
-        "quantity": "von_mises" if bare.bodies[bodies[-1]].continuum else "axial_force",
-        "inside": [float(described(bare.bodies[bodies[-1]]).split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
+        "quantity": "von_mises" if plain.bodies[bodies[-1]].continuum else "axial_force",
+        "inside": [float(described(plain.bodies[bodies[-1]]).split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
     }  # fmt: skip
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])
-    extra, n = [], len(bare.coordinates)
+    extra, n = [], len(plain.coordinates)
     if n > 2 or feature != "free equilibrium":
         extra.append(f"reduction.angles={4 if n > 2 else 5}")
     if feature != "free equilibrium":  # which may be anywhere; a short range saves nine tenths of the time
-        for name in bare.coordinates:
+        for name in plain.coordinates:
             extra += [f"coordinates.{name}.range=[-0.3, 0.6]", f"coordinates.{name}.periodic=false"]
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
@@ -261,7 +265,7 @@ def scene_of(kind: str, feature: str) -> Scene:
         outputs = ()
     elif "step" in feature:
         outputs = outputs[:1]
-    return scene_from_toml(text, ".", (*TINY, *extra, *asked, *outputs))
+    return scene_from_toml(KINDS[kind], ".", (*TINY, *extra, *asked, *outputs))
 
 
 def _build(scene: Scene, meshes: Mapping, cache: dict):

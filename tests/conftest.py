@@ -248,10 +248,15 @@ def quickly_compiled() -> Iterator[None]:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make pictures as they are, and write empty ones: to draw one takes half a second."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    write = Figure.savefig
+    write, print_svg = Figure.savefig, FigureCanvasSVG.print_svg
     monkeypatch.setattr(Figure, "savefig", lambda _, *names, **given: write(Figure((1.0, 1.0)), *names, **given))
+    monkeypatch.setattr(
+        FigureCanvasSVG, "print_svg",  # of the charts of a page
+        lambda _, *names, **given: print_svg(FigureCanvasSVG(Figure((1.0, 1.0))), *names, **given),
+    )  # fmt: skip
 
 
 @pytest.fixture

@@ -81,6 +81,15 @@ def short_limits(tree: ast.AST) -> Iterator[str]:
                 yield ast.unparse(node)
 
 
+def test_no_constant_of_a_module_is_given_twice() -> None:
+    """Only the last one counts, in functions above it too: points were once taken four at a time, not four million."""
+    for path in sorted((ROOT / "pgmp_petsc").rglob("*.py")):
+        targets = [target for item in tree_of(path).body if isinstance(item, ast.Assign) for target in item.targets]
+        nodes = (node for target in targets for node in nodes_of(target) if isinstance(node, ast.Name))
+        names = [node.id for node in nodes if isinstance(node.ctx, ast.Store)]
+        assert set(repeated(names)) <= {"_"}, path
+
+
 @pytest.mark.parametrize("find", [lost_cases, unseeded, short_limits])
 def test_every_module_of_the_suite(find: Callable[[ast.AST], Iterator[str]]) -> None:
     found = {str(path.relative_to(ROOT)): list(find(tree_of(path))) for path in MODULES}

@@ -56,7 +56,7 @@ STRAIGHT = 0.3  # share of the variance of g that a straight line may leave, for
 PER_SLOPE = 3  # points a variable
 KERNELS = 120  # about as many of the points; more take time and add little
 FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
-AT_ONCE = 4_000_000  # numbers of pairs of points and kernels
+PAIRS_AT_ONCE = 2**17  # of points and kernels: 1 MB, which stays in the cache
 
 
 class Cloud(NamedTuple):
@@ -106,7 +106,7 @@ class KernelDensity:
 
     def log(self, points: np.ndarray) -> np.ndarray:
         """Return the logarithm of the density at points (n, d), shape (n,)."""
-        step, d = max(1, AT_ONCE // len(self.centres)), points.shape[1]
+        step, d = max(1, PAIRS_AT_ONCE // len(self.centres)), points.shape[1]
         precisions = self.deviations**-2.0
         factors = np.log(self.shares) - d * np.log(self.deviations * np.sqrt(2.0 * np.pi))
         factors -= 0.5 * precisions * np.sum(self.centres**2, axis=1)
@@ -382,7 +382,7 @@ def _labels(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np
 LimitState = Callable[[np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-AT_ONCE, MOST_STEPS = 4, 40  # searches
+SEARCHES_AT_ONCE, MOST_STEPS = 4, 40  # steps of each
 IN_VAIN = 2  # times so many searches that may find nothing new; once from points that are not near the border
 OF_BATCH = 0.25  # of all evaluations, which searches at once from such points may take
 USUAL_STEPS = 4  # that searches take from near the border
@@ -474,7 +474,7 @@ def design_points(
                 beyond = tangents.beyond(points, g)
                 points, g, beyond = (of_all[beyond > 0.0] for of_all in (points, g, beyond))
         at_most = most - used if len(starts) else min(most - used, max(int(OF_BATCH * most), cost))
-        n_at_once, is_other = min(AT_ONCE, max(at_most // (2 * cost), 1)), not len(starts)
+        n_at_once, is_other = min(SEARCHES_AT_ONCE, max(at_most // (2 * cost), 1)), not len(starts)
         chosen, starts = starts[:n_at_once], starts[n_at_once:]
         if found and not len(chosen):
             order = np.argsort(-beyond, kind="stable")

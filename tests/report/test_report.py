@@ -418,7 +418,8 @@ def test_another_mesh_tells_the_share_of_the_mesh(tmp_path: Path) -> None:
     assert "All runs are full-order: nothing was reduced." in words(page_of(*files[1:3]))
 
 
-def test_a_fit_has_its_picture_and_parameters(tmp_path: Path) -> None:
+def test_a_fit_has_its_picture_and_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     found = synthetic.fitted()
     tree = page_with(tmp_path, fit=found)
     titles = {words(item) for item in tree.iter("figcaption")}
@@ -446,7 +447,8 @@ def test_ids_are_unique_and_references_hold(tree: Element) -> None:
     assert len(outside_of_charts) == len(set(outside_of_charts))
 
 
-def test_texts_of_files_are_no_markup(folder: Path) -> None:
+def test_texts_of_files_are_no_markup(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     tree = page_of(folder / "other.h5")
     assert words(next(tree.iter("h1"))) == "x<script>alert(1)</script>"
     assert all("alert" not in words(script) for script in tree.iter("script"))
@@ -630,7 +632,8 @@ def test_refusals(folder: Path, files: Sequence[str], output: str, message: str)
     assert not (folder / "x.html").exists() and (folder / "mine.html").read_text() == "<p>mine</p>"
 
 
-def test_charts_show_the_level_of_an_event(folder: Path) -> None:
+def test_charts_show_the_level_of_an_event(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
     many = synthetic.described()
     crank = synthetic.SCENE + EVENT
     many = replace(many, sobol={}, statistics={}, record=replace(many.record, scene_toml=crank))
@@ -645,8 +648,9 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     assert far.caption == "The level of far, 1.15 mm, is far beyond this picture." and far.unit == "nm"
 
 
-def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
+def test_outputs_that_are_not_known_are_no_figures(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A deformation is no number far outside a coordinate's range: it has neither an error nor a largest value."""
+    monkeypatch.undo()
     runs = [synthetic.trajectory(model, n_frames=0, n_times=11) for model in ("reduced", "full")]
     files = [folder / f"unknown_{run.model}.h5" for run in runs]
     for run, path in zip(runs, files):
@@ -788,7 +792,10 @@ def test_values_that_hardly_differ_are_told_apart(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize(("spread", "drawn"), [(1e-6, False), (1e-3, True)])
-def test_extremes_that_hardly_differ_have_no_picture(tmp_path: Path, spread: float, drawn: bool) -> None:
+def test_extremes_that_hardly_differ_have_no_picture(
+    tmp_path: Path, spread: float, drawn: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
     plain = synthetic.ensemble("reduced", 60)
     least = spread * np.linspace(-1.0, 0.0, 60)
     statistics = plain.statistics | {"crank_angle.min": synthetic.statistics(least)}
@@ -841,6 +848,7 @@ def test_commands_build_the_model_of_a_fit() -> None:
 
 def test_keys_of_a_chart_stay_in_the_picture_beside_long_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers that differ in the seventh digit take a quarter of the width, and move the axes to the right."""
+    monkeypatch.undo()
     figures, create, time = [], charts.new_figure, np.linspace(0.0, 1.0, 21)
     monkeypatch.setattr(charts, "new_figure", lambda *size: figures.append(create(*size)) or figures[-1])
     named = {"full order": "full", "reduced, other.h5": "reduced", "components": "components"}

@@ -198,7 +198,7 @@ def test_what_a_urdf_has_and_a_scene_has_not(tmp_path, read_here) -> None:
     moves = "effects.hold_shoulder.constant_speed={ speed = 2.0, start = -1.0 }"
     run = tmp_path / "run.h5"
     said("simulate", tmp_path / "robot.toml", "--full", "--override", moves, "-o", run)
-    said("animate", run, "-o", tmp_path / "film.gif")
+    said("animate", run, "--seconds", 0.5, "-o", tmp_path / "film.gif")
     held = Trajectory.read(run)
     figure = loads(held, "torques")
     (curve,) = (line for line in figure.axes[0].lines if len(line.get_xdata()) > 2)

@@ -367,7 +367,7 @@ def test_component_models(name, tmp_path) -> None:
     """
     path = ROOT / "scenes" / f"{name}.toml"
     model = components_model(*read_scene(path, TREES[name], (), MPI.COMM_SELF, Purpose.COMPONENTS))
-    faster = ("-O1",) if name in ("six_joint_arm", "payload_arm", "delta_robot") else ()  # of 5 to 10 s without
+    faster = ("-O1",) if name in ("six_joint_arm", "payload_arm") else ()  # of 5 to 10 s without
     program = exported.compiled(model, tmp_path, *faster)
     closing = (2e-15 if len(model.kinematics.coordinates) < 3 else 2e-13) * model.kinematics.size
     for values in ({}, OTHERS.get(name)):  # of the scene, and others that the program takes

@@ -17,6 +17,7 @@ import pytest
 from conftest import ROOT
 from coupled_scenes import GEARED
 from exported import as_one, assert_equal, assert_same_in_c, needs_compiler, outputs_of
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from millimetres import differences, flat, in_millimetres, strange, with_short_numbers
@@ -276,6 +277,7 @@ def _made(case: Case, which: str, folder: Path) -> Twin:
         arguments = [words.get(word, word.replace("F", str(folder), word[:1] == "F")) for word in asked.split()]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Figure, "savefig", _reading(texts))
+            patch.setattr(FigureCanvasSVG, "print_svg", lambda own, *to, **_: own.figure.savefig(*to, format="svg"))
             patch.setattr(tables_of_reduction, "N_FINE_OF_MORE", 24)  # the same in both
             patch.setattr(fmu, "PLATFORMS", {})  # of units descriptions are compared; their code is that of `code`
             said[step] = pgmp(*arguments).stdout.replace(str(folder), "F")

@@ -101,21 +101,25 @@ void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
             gap += add_statement(&closure[term].statement, near, poses, closure + term, row);
         }
         double unit = IS_LENGTH(s->kind) ? 1.0 / SIZE : 1.0;
-        for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
-        for (int i = 0; i < N_UNKNOWNS; i++) {
-            if (row[i] == 0.0) continue;
-            right[i] += row[i] * gap * unit;
-            for (int j = 0; j <= i; j++) normal[i][j] += row[i] * row[j];
+        int n_own = 0, own[N_UNKNOWNS]; /* places of two or three bodies */
+        for (int i = 0; i < N_UNKNOWNS; i++)
+            if (row[i] != 0.0) row[own[n_own++] = i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
+        for (int i = 0; i < n_own; i++) {
+            right[own[i]] += row[own[i]] * gap * unit;
+            for (int j = 0; j <= i; j++) normal[own[i]][own[j]] += row[own[i]] * row[own[j]];
         }
     }
-    for (int i = 0; i < N_UNKNOWNS; i++)
-        for (int j = 0; j <= i; j++) {
+    int first[N_UNKNOWNS]; /* what is 0 before the first entry of a row stays 0, along a chain nearly all of it */
+    for (int i = 0; i < N_UNKNOWNS; i++) {
+        for (first[i] = 0; normal[i][first[i]] == 0.0 && first[i] < i;) first[i]++;
+        for (int j = first[i]; j <= i; j++) {
             double total = normal[i][j];
-            for (int k = 0; k < j; k++) total -= normal[i][k] * normal[j][k];
+            for (int k = first[i] > first[j] ? first[i] : first[j]; k < j; k++) total -= normal[i][k] * normal[j][k];
             normal[i][j] = j < i ? total / normal[j][j] : sqrt(total);
         }
+    }
     for (int i = 0; i < N_UNKNOWNS; i++) {
-        for (int j = 0; j < i; j++) right[i] -= normal[i][j] * right[j];
+        for (int j = first[i]; j < i; j++) right[i] -= normal[i][j] * right[j];
         right[i] /= normal[i][i];
     }
     for (int i = N_UNKNOWNS - 1; i >= 0; i--) {
