@@ -229,8 +229,7 @@ class _Samples:
         excess, largest = peaks.excess(event), peaks.largest(event.output)
         seen = known & np.isfinite(excess)
         beyond = np.where(true, np.fmax(excess, 0.0), np.fmin(excess, 0.0))[seen]
-        replicates = None if self.replicates is None else self.replicates[seen]
-        limit = holds_to(beyond, largest[seen], true[seen], replicates, level)
+        limit = holds_to(beyond, largest[seen], float(np.ptp(ends)), count / n if n else 0.0)
         error = self._share_of_error(event, known, largest)
         estimate = count / n if n and not self._is_hiding else float("nan")
         words = in_words(event, origin.units[event.output], origin.scene.system)

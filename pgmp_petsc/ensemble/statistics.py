@@ -10,7 +10,6 @@ not. Sobol indices are ``S1 = Var(E(y | x_i)) / Var(y)`` and ``ST = E(Var(y | x_
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -227,37 +226,20 @@ def of_event(
     return int(count.sum()), int(sizes.sum()), intervals.of_probability(count, sizes, confidence, lost)
 
 
-def holds_to(
-    excess: np.ndarray, largest: np.ndarray, true: np.ndarray, replicates: np.ndarray | None, confidence: float
-) -> float:
+def holds_to(excess: np.ndarray, largest: np.ndarray, width: float, probability: float) -> float:
     """Return up to which error of an output a probability holds, as a share of the output's size in each sample.
 
-    With a larger one the event is in doubt in so many samples that the interval, which all of them widen, gets wider by
-    more than it is, and by more than `MATTERS` of the probability. NaN of no samples. Arguments (N,) are by how much
-    the output is beyond the level, its largest size, whether the event came true, and replicates as of `of_event`.
+    With a larger one the event is in doubt in so many samples that its interval, of some width, which all of them
+    widen, gets wider by more than it is, and by more than `MATTERS` of the probability. NaN of no samples. Arguments
+    (N,) are by how much the output is beyond the level, and its largest size.
     """
-    n = true.size
-    if not n:
+    if not (n := excess.size):
         return float("nan")
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.abs(excess) / largest
     shares[np.isnan(shares)] = np.inf
-    order, every, none = np.argsort(shares), np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-
-    def interval(true: np.ndarray) -> np.ndarray:
-        return of_event(true, every, none, replicates, confidence)[2]
-
-    low, high = interval(true)
-    room = max(high - low, MATTERS * np.mean(true))
-
-    def matters(place: int) -> bool:
-        """Return whether the samples up to a place matter, if all of them are in doubt."""
-        doubted = none.copy()
-        doubted[order[: place + 1]] = True
-        return interval(true | doubted)[1] - high + low - interval(true & ~doubted)[0] > room
-
-    place = bisect_left(range(n), True, key=matters)
-    return float(shares[order[place]]) if place < n else np.inf
+    place = int(n * max(width, MATTERS * probability))  # of the first sample too many
+    return float(np.partition(shares, place)[place]) if place < n else np.inf
 
 
 def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: int) -> np.ndarray:

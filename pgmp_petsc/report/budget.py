@@ -61,7 +61,7 @@ class ModelError:
     doubt: float = 1.0  # so many times as large are no more than 5 % of errors
     absent: Mapping[str, str] = field(default_factory=dict)  # why outputs have no estimate, those that have none
     whole: bool = True  # whether it is of the whole run, and not of a part, beyond which it may be of any size
-    mesh: Mapping[str, float] = field(default_factory=dict)  # what another mesh differs by besides, as a share
+    mesh: Mapping[str, float] = field(default_factory=dict)  # the mesh's besides, as a share
     largest: Mapping[str, float] = field(default_factory=dict)  # value of every output that shares are of
 
     @property
@@ -90,7 +90,7 @@ def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) ->
     """Return the error of the reduced model: measured where runs of a better one are there, else estimated."""
     estimated = _estimated(sources)
     found = _measured(comparisons, estimated) or estimated
-    mesh = {name: share for name, (share, _) in mesh_errors(sources).items()}
+    mesh = {name: own for name, (_, own, _) in mesh_errors(sources).items()}
     return None if found is None else replace(found, mesh=mesh)
 
 
@@ -247,19 +247,25 @@ def mesh_twins(sources: Sequence[Source]) -> list[tuple[Source, Source]]:
     return found
 
 
-def mesh_errors(sources: Sequence[Source]) -> dict[str, tuple[float, str]]:
-    """Return the difference of a run on another mesh, a share of the largest value, and how it was measured, by output;
-    the largest one of several. The scene's own error is about 4/3 of that from a mesh of twice the elements."""
-    found: dict[str, tuple[float, str]] = {}
+#: the scene's own error over the difference from a mesh of twice the elements, which is of second order in their size
+OWN_OF_MESH = 4.0 / 3.0
+
+
+def mesh_errors(sources: Sequence[Source]) -> dict[str, tuple[float, float, str]]:
+    """Return the difference of a run on another mesh, the scene's own error by that, both shares of the largest value,
+    and how it was measured, by output; the largest one of several. Of a coarser mesh the scene's own is less."""
+    found: dict[str, tuple[float, float, str]] = {}
     for own, other in mesh_twins(sources):
         coarse, fine = sorted((own.result, other.result), key=n_nodes)
-        whose = "" if coarse is own.result else "; of the coarser mesh, the scene's own is less"
+        is_own = coarse is own.result
+        whose = "" if is_own else "; of the coarser mesh, the scene's own is less"
         how = f"{n_nodes(coarse)} nodes against {n_nodes(fine)}, {MODELS[coarse.model]}{whose}"
         for name in own.result.outputs:
             error = Comparison(fine, coarse).error_percent(name) if name in other.result.outputs else None
             if error is not None:
                 share = float(np.max(error[1]) / 100.0)
-                found[name] = max(found.get(name, (share, how)), (share, how))
+                one = share, share * (OWN_OF_MESH if is_own else 1.0), how
+                found[name] = max(found.get(name, one), one)
     return found
 
 
@@ -271,7 +277,7 @@ def n_nodes(run: Trajectory) -> int:
 
 def _of_mesh(sources: Sequence[Source]) -> Iterator[Line]:
     measured = mesh_errors(sources)
-    for name, (share, how) in measured.items():
+    for name, (share, _, how) in measured.items():
         yield Line(f"mesh: {name}", [Datum(share, share_text(share))], f"measured: {how}")
     if measured:
         return
@@ -359,10 +365,11 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     chances = []
     for source in ensembles:
         for label, chance in source.result.probabilities.items():
-            known = float(np.fmax(chance.model_error, _of_runs(source.result, label, error)))
+            of_runs, of_mesh = _of_runs(source.result, label, error)
+            known = float(np.fmax(chance.model_error, of_runs))
             label = (f"{source.name}: " if len(ensembles) > 1 else "") + label
-            chances.append((label + " (too many samples failed)" * bool(np.isnan(chance.estimate)), chance, known))
-    events = [(label, chance.is_decided(known)) for label, chance, known in chances]
+            chances.append((label + " (too many samples failed)" * bool(np.isnan(chance.estimate)), chance, known, of_mesh))
+    events = [(label, chance.is_decided(known)) for label, chance, known, _ in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:
         if any(scene_of(source.record).get("ensemble", {}).get("probabilities") for source in sources):
@@ -370,13 +377,17 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
         return Decision("unasked", "No probability asked for", "the scene has no ensemble.probabilities")
     doubtful = [label for label, decided in events if not decided]
     if doubtful:
-        by_step = [one.whose == OF_TIME_STEP for _, one, known in chances if not one.is_decided(known)]
-        lost = any(np.isnan(one.estimate) for _, one, _ in chances) or len(by_step) < len(doubtful)
-        by = "with this time step" if all(by_step) and not lost else "by this model"
+        open_ = [(one, of_mesh) for _, one, known, of_mesh in chances if not one.is_decided(known)]
+        lost = any(np.isnan(one.estimate) for _, one, *_ in chances) or len(open_) < len(doubtful)
+        by = "by this model"
+        if not lost and all(one.whose == OF_TIME_STEP for one, _ in open_):
+            by = "with this time step"
+        elif not lost and all(one.is_of_mesh(of_mesh) for one, of_mesh in open_):
+            by = "with this mesh"
         return Decision("undecided", f"Not decided {by}", ", ".join(dict.fromkeys(doubtful)))
     words = [
         f"{label}: {one.whose} error is {share_text(known)}, and the answer holds up to {share_text(one.holds_to)}"
-        for label, one, known in chances
+        for label, one, known, _ in chances
         if known > 0.0
     ]
     return Decision("decided", "Decided", "; ".join(words) or "nothing was reduced")
@@ -401,7 +412,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
     sentences += _of_error(error, runs or ensembles, ensembles)
-    for name, (share, how) in sorted(mesh_errors(sources).items(), key=lambda item: -item[1][0])[:1]:
+    for name, (share, _, how) in sorted(mesh_errors(sources).items(), key=lambda item: -item[1][0])[:1]:
         sentences.append(["Mesh: ", Datum(share, share_text(share)), f" of the largest {name}; measured: {how}."])
     sentences += _of_time_steps(sources)
     sentences += _of_failures(ensembles, runs)
@@ -419,7 +430,7 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops:
         place = Place(source.name, f"/probabilities/{label}")
         parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
         of = f"{percent(chance.confidence)} interval of {chance.of}"
-        of_runs = _of_runs(ensemble, label, error)
+        of_runs, of_mesh = _of_runs(ensemble, label, error)
         if np.isnan(chance.estimate):
             words = f"{ahead}P({chance.event}) is not known"
             yield [f"{words}: no sample tells."] if np.isnan(chance.interval).any() else [words, parts[1], f" %, {of}."]
@@ -428,7 +439,7 @@ def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops:
         else:
             ends = 100.0 * chance.interval
             said = f"{number_text(100.0 * chance.estimate, ends, 6)} % {interval_text(ends)}, {of}"
-            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs, stops)}."]
+            yield [f"{ahead}P({chance.event}) is {chance.doubt(of_runs, stops, of_mesh)}."]
             yield [f"What the samples of this model say: {said}."]
     if ensemble.probabilities:
         return
@@ -461,16 +472,19 @@ def _full_order_stops(sources: Iterable[Source]) -> bool:
 VANISHES = 0.01  # of what samples end with: the share of a run's error in an output as small says nothing of theirs
 
 
-def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> float:
-    """Return what single runs say of the error that decides an event, as a share; NaN where they say nothing: of other
-    models, or where the output is next to nothing in them, as at offsets of zero, but not in samples."""
+def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> tuple[float, float]:
+    """Return what single runs say of the error that decides an event, as a share, and the mesh's part of it.
+
+    NaN where they say nothing: of other models, or where the output is next to nothing in them, as at offsets of zero,
+    but not in samples.
+    """
     if error is None or ensemble.model != "reduced":
-        return np.nan
+        return np.nan, 0.0
     event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
     output = event.get("output", "")
     ends = np.nan_to_num(np.abs(ensemble.outputs.get(output, np.zeros(1))))
     vanishes = error.largest.get(output, np.inf) < VANISHES * np.median(ends)
-    return np.nan if vanishes else error.bound(output, event.get("when", "end"))
+    return (np.nan, 0.0) if vanishes else (error.bound(output, event.get("when", "end")), error.mesh.get(output, 0.0))
 
 
 def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
@@ -632,7 +646,10 @@ def headline_of_meshes(own: Path, other: Path) -> str:
     if not known:
         return "outputs are zero or not known, so no share of the mesh can be given"
     worst = max(known, key=known.__getitem__)
-    return f"the mesh's share is at most {share_text(known[worst][0])} of the largest {worst}: {known[worst][1]}"
+    share, own, how = known[worst]
+    least = "about" if own > share else "at most"
+    apart = f"another mesh differs by at most {share_text(share)} of the largest {worst} ({how})"
+    return f"{apart}, an error of {least} {share_text(own)}"
 
 
 def headline_of_ensemble(path: Path, *runs: Path) -> str:

@@ -125,13 +125,22 @@ class Chance(Record):
         """Return whether it is known, and the model good enough for it, whose error is known: estimated, or given."""
         return bool(np.fmax(self.model_error, model_error) <= self.holds_to) and not np.isnan(self.estimate)
 
+    def is_of_mesh(self, of_mesh: float) -> bool:
+        """Return whether no other model decides it, as the mesh's part of the error is too large by itself."""
+        return of_mesh > self.holds_to > 0.0
+
     @property
     def decided_by(self) -> str:
         """The command that decides it where the model does not; empty where too many samples failed for a figure."""
         return "" if np.isnan(self.estimate) else f"pgmp montecarlo SCENE {self.better} -n {self.n + self.n_failed}"
 
-    def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False) -> str:
-        """Return why the model does not decide it, and what does, unless the full-order run stops before its end."""
+    def doubt(
+        self, model_error: float = float("nan"), full_order_stops: bool = False, of_mesh: float = 0.0
+    ) -> str:
+        """Return why the model does not decide it, and what does, unless the full-order run stops before its end.
+
+        `of_mesh` is the part of the error that is the mesh's, which all models have.
+        """
         error, needed = np.fmax(self.model_error, model_error), share_text(self.holds_to, 3)
         of_step = self.whose == OF_TIME_STEP
         what = f"{self.whose if of_step else 'its'} error"
@@ -141,6 +150,9 @@ class Chance(Record):
         why = f"{what} is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
         if of_step:
             return f"not decided with this time step: {why}; {self.decided_by!r} tells whether it stays"
+        if self.is_of_mesh(of_mesh):
+            finer = f"{share_text(of_mesh, 3)} of it the mesh's, so that only a finer mesh does: more elements"
+            return f"not decided with this mesh: {why}, {finer}, or a smaller mesh_size"
         stops = "nor by the full-order model, whose run stops before its end"
         return f"not decided by this model: {why}; {stops if full_order_stops else f'{self.decided_by!r} decides it'}"
 
@@ -659,19 +671,21 @@ class Ensemble(Result):
         if unknown:
             raise ValueError(f"status {sorted(unknown)} has no meaning; known: {sorted(self.meanings)}")
 
-    def answer(self, model_error: Callable[[str], float] = lambda _: float("nan"), stops: bool = False) -> str:
+    def answer(
+        self, model_error: Callable[[str], tuple[float, float]] = lambda _: (float("nan"), 0.0), stops: bool = False
+    ) -> str:
         """Return the probability of the first event or, without events, the mean of the last output, in words.
 
-        What is known besides of the model's error, as a share, comes of the label of an event; where the full-order run
-        `stops` before its end it decides nothing.
+        What is known besides of the model's error, as a share, and the mesh's part of it come of the label of an event;
+        where the full-order run `stops` before its end it decides nothing.
         """
         for label, chance in self.probabilities.items():
-            ends, error = 100.0 * chance.interval, model_error(label)
+            ends, (error, of_mesh) = 100.0 * chance.interval, model_error(label)
             if np.isnan(chance.estimate):
                 return f"P({chance.event}) is not known {interval_text(ends)} %"
             if chance.is_decided(error):
                 return f"P({chance.event}) = {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
-            return f"P({chance.event}) is {chance.doubt(error, stops)}"
+            return f"P({chance.event}) is {chance.doubt(error, stops, of_mesh)}"
         described = [name for name in self.outputs if name in self.statistics]
         # the last output that varies; sorted is stable
         for name in sorted(reversed(described), key=lambda name: self.statistics[name].constant):
