@@ -28,6 +28,7 @@ from pgmp_petsc.base.units import behind
 from pgmp_petsc.design.derivatives import (
     Constraint,
     Dual,
+    Expression,
     Goal,
     Outcome,
     TurnedBack,
@@ -193,14 +194,18 @@ class DesignFigures:
             return found[stopped[0]]
         rows = [found[sample] for sample in range(self.n_samples)]
         self.of_samples = np.array([[dual.value for dual in row] for row in rows])
-        return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
+        return [self.robust([row[k] for row in rows]) for k in range(len(rows[0]))]
+
+    def values(self, design: np.ndarray, sample: int) -> dict[str, float]:
+        """Return the values of all parameters in a sample of a design."""
+        at = dict(zip(self._question.names, map(float, design)))
+        if self._offsets is None:
+            return self._model.scene.values | at
+        drawn = {name: float(own[sample]) for name, own in self._offsets.items()}
+        return drawn | {name: value + drawn[name] for name, value in at.items()}
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
-        question, at = self._question, dict(zip(self._question.names, map(float, design)))
-        values = self._model.scene.values | at
-        if self._offsets is not None:
-            drawn = {name: float(own[sample]) for name, own in self._offsets.items()}
-            values = drawn | {name: value + drawn[name] for name, value in at.items()}
+        question, values = self._question, self.values(design, sample)
         outcome = Outcome(self._run(values, sample), values, question.names)
         if sample == 0:  # of rank 0
             self._sides = [abs(constraint.right(outcome).value) for constraint in question.constraints]
@@ -230,7 +235,7 @@ class DesignFigures:
             )
             raise type(error)(f"at {where}: {error}") from error
 
-    def _robust(self, duals: Sequence[Dual]) -> Dual:
+    def robust(self, duals: Sequence[Dual]) -> Dual:
         """Return mean and deviations of the samples' numbers, in the order of the samples."""
         if self._offsets is None:
             return duals[0]
@@ -295,7 +300,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     values = model.scene.values | dict(zip(question.names, map(float, best)))
     with timings.phase("errors"), agreed(comm, "errors of the design"):
-        own = _of_own_error(model, question, values, ended) if comm.rank == 0 else ()
+        own = _of_own_error(model, question, figures, best) if comm.rank == 0 else ()
     contradicting = _contradicting(question, figures, best, last, sizes)
     astray = {
         "derivatives jump where contacts come and go": ended.contacts,
@@ -497,19 +502,28 @@ def _of_end(
 
 
 def _of_own_error(
-    model: ReducedModel, question: Question, values: dict[str, float], run: DifferentiatedRun
+    model: ReducedModel, question: Question, figures: DesignFigures, best: np.ndarray
 ) -> tuple[Remark, ...]:
-    """Return what errors of the model do to the goal and to the constraints, at the design without deviations."""
-    errors = errors_of_runs(of_samples(model, question.names), [values])
+    """Return what errors of the model do to the goal and to the constraints of a design, over all of its samples."""
+    points = [figures.values(best, sample) for sample in range(figures.n_samples)]
+    errors = errors_of_runs(of_samples(model, question.names), points)
     sides = {question.goal: (question.goal.expression,)} | {one: (one.left, one.right) for one in question.constraints}
     names = sorted({name for parts in sides.values() for part in parts for name in part.outputs})
-    known = None if errors is None else errors.over(run.time, names)
-    if known is None:
+    runs = [differentiate(model, point, ()) for point in points] if errors is not None else []
+    known = [errors.over(run.time, names, sample) for sample, run in enumerate(runs)]
+    if not known or any(one is None for one in known):
         return (not_known(model, "the goal and the constraints", errors, names),)
-    better = replace(run, outputs={name: run.outputs[name] - known[name] for name in names})
+    better = [
+        replace(run, outputs={name: run.outputs[name] - own[name] for name in names}) for run, own in zip(runs, known)
+    ]
+
+    def figure(part: Expression, sense: float, of: Sequence[DifferentiatedRun]) -> float:
+        each = [part(Outcome(run, point, ())).value for run, point in zip(of, points)]
+        return sense * figures.robust([Dual(sense * value, np.empty(0)) for value in each]).value
+
     told = []
     for what, parts in sides.items():
-        here, there = ([what.size * part(Outcome(one, values, ())).value for part in parts] for one in (run, better))
+        here, there = ([what.size * figure(part, what.sense, of) for part in parts] for of in (runs, better))
         told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
     return of_figures(told)
 

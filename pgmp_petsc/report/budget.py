@@ -368,7 +368,8 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
             of_runs, of_mesh = _of_runs(source.result, label, error)
             known = float(np.fmax(chance.model_error, of_runs))
             label = (f"{source.name}: " if len(ensembles) > 1 else "") + label
-            chances.append((label + " (too many samples failed)" * bool(np.isnan(chance.estimate)), chance, known, of_mesh))
+            label += " (too many samples failed)" * bool(np.isnan(chance.estimate))
+            chances.append((label, chance, known, of_mesh))
     events = [(label, chance.is_decided(known)) for label, chance, known, _ in chances]
     events += [(source.result.event, source.result.reached) for source in of_kind(sources, RareEvent)]
     if not events:

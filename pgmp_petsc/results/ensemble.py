@@ -134,9 +134,7 @@ class Chance(Record):
         """The command that decides it where the model does not; empty where too many samples failed for a figure."""
         return "" if np.isnan(self.estimate) else f"pgmp montecarlo SCENE {self.better} -n {self.n + self.n_failed}"
 
-    def doubt(
-        self, model_error: float = float("nan"), full_order_stops: bool = False, of_mesh: float = 0.0
-    ) -> str:
+    def doubt(self, model_error: float = float("nan"), full_order_stops: bool = False, of_mesh: float = 0.0) -> str:
         """Return why the model does not decide it, and what does, unless the full-order run stops before its end.
 
         `of_mesh` is the part of the error that is the mesh's, which all models have.
