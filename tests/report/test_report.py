@@ -216,6 +216,20 @@ def test_a_probability_within_the_model_error_has_no_figure_in_the_verdict(tmp_p
     assert of_event["decided_by"].startswith("pgmp montecarlo")
 
 
+@pytest.mark.parametrize(("of_mesh", "cure"), [(0.02, "a finer mesh does"), (0.001, "montecarlo SCENE --full")])
+def test_what_the_mesh_leaves_no_other_model_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_mesh: float, cure: str
+) -> None:
+    """Of a four-bar 1.6 % was the mesh's, and full-order samples of the same mesh were to decide."""
+    late = replace((found := with_event(synthetic.described())).probabilities["late"], holds_to=0.01)
+    replace(found, probabilities={"late": late}).write(path := tmp_path / "many.h5")
+    monkeypatch.setattr(budget, "_of_runs", lambda *_: (0.03, of_mesh))
+    by = "with this mesh" if of_mesh == 0.02 else "by this model"
+    assert f"is not decided {by}" in (said := headline_of_ensemble(path)) and cure in said
+    sources = [source for scene in read_sources([path], frame=0)[0] for source in scene]
+    assert budget.decision(sources, None).title == f"Not decided {by}"
+
+
 SIZED = tables("""
 joints.pin: type = "revolute"; connect = ["crank:tip", "rod:hinge"]
 coordinates.theta: joint = "pin"
