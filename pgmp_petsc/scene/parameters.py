@@ -375,7 +375,7 @@ class RandomField(Table):
     body: str = Field(description="name of a flexible body")
     quantity: Literal["E", "rho", "width", "thickness", "radius", "height"] = Field(
         description='what varies: "E" or "rho", of a section by coefficients all its stiffness or mass; "width" of a '
-        'rectangle of beam2d; "thickness" of solid2d'
+        'rectangle of beam2d; "thickness" of solid2d; of "radius" and "height" stiffness is not affine: refused'
     )
     variation: PositiveNumber = Field(description="coefficient of variation: deviation over mean")
     length: Annotated[PositiveNumber, Unit("m")] = Field(description="correlation length (m)")

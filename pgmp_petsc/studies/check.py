@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.assembled import MassProperties
 from pgmp_petsc.bodies.component import directors
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes, at_lengths, given_properties
-from pgmp_petsc.effects import Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
+from pgmp_petsc.effects import AT_REST, Effect, Load, Patterns, actions_of, effects_of, loads_of, patterns_of, start_of
 from pgmp_petsc.effects.clearance import impacts
 from pgmp_petsc.effects.damping import check_ratios
 from pgmp_petsc.effects.springs import spring_force
@@ -271,7 +271,7 @@ def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> 
 def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinematics: RigidKinematics) -> list[str]:
     """Say in which state runs start, where loads act on it; empty where bodies start undeformed and without loads."""
     mechanism = kinematics.mechanism
-    theta, _ = start_of(scene, mechanism)
+    theta, rates = start_of(scene, mechanism)
     if scene.initial.equilibrium:
         how = scene.initial.coordinates
         return [f"  start         static equilibrium under the loads at time zero, coordinates {how}"]
@@ -290,9 +290,11 @@ def _start(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load], kinem
     if not names:
         return []
     cure = "where the mechanism is held or driven, initial.equilibrium = true starts with it"
+    if scene.loose or np.abs(rates).max(initial=0.0) * scene.simulation.duration > AT_REST:
+        cure = "let loads grow from zero" + ", or begin at rest, in equilibrium" * (not scene.loose)
     return [
         f"  start         undeformed, with {names} acting at once: bodies swing about their static deformation, up to "
-        f"twice as far; {'let loads grow from zero' if scene.loose else cure}"
+        f"twice as far; {cure}"
     ]
 
 

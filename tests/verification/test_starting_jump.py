@@ -56,6 +56,19 @@ def test_a_check_names_springs_that_act_at_the_start(rest: float, loaded: bool) 
     assert [line[16:47] for line in lines] == ["undeformed, with cord acting at"] * loaded
 
 
+@pytest.mark.parametrize(
+    ("motion", "cure"),
+    [("spin_up = { speed = 5.0, time = 0.1 }", "initial.equilibrium = true starts with it"),
+     ("constant_speed = { speed = 5.0 }", "let loads grow from zero, or begin at rest, in equilibrium")],
+)  # fmt: skip
+def test_a_check_names_a_cure_that_is_taken(motion: str, cure: str) -> None:
+    """A start in equilibrium is refused of a motion that does not begin at rest."""
+    turned = HELD.replace("table = [[0.0, 0.0], [1.0, 0.0]]", motion)
+    scene = scene_from_toml(BAR + PULLED + turned, ".")
+    (line,) = [one for one in describe_scene(scene, meshes_of(scene)).splitlines() if one.startswith("  start")]
+    assert cure in line
+
+
 def said(model: ReducedModel) -> list[Remark]:
     found = trajectory(model).record.remarks
     return [remark for remark in found if "starts undeformed" in remark.text]
