@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from pgmp_petsc.base.errors import InputError, PgmpError, Remark, RunError, gathered, note, warning
-from pgmp_petsc.base.progress import progress
+from pgmp_petsc.base.progress import doing, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import behind
@@ -299,7 +299,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     ends = figures.intervals(confidence)
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     values = model.scene.values | dict(zip(question.names, map(float, best)))
-    with timings.phase("errors"), agreed(comm, "errors of the design"):
+    with timings.phase("errors"), doing("errors of the design"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, figures, best) if comm.rank == 0 else ()
     contradicting = _contradicting(question, figures, best, last, sizes)
     astray = {
