@@ -26,6 +26,7 @@ from pgmp_petsc.bench.prices import Price, prospects, quicker, step_of_samples
 from pgmp_petsc.bench.reference import Demand, Reference, choose_reference, component_model
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES
+from pgmp_petsc.estimates.own_error import is_estimated
 from pgmp_petsc.files.checkpoint_folder import LEDGER, Steps
 from pgmp_petsc.files.claims import check_output
 from pgmp_petsc.files.seal import identity
@@ -337,7 +338,10 @@ class _Job:
             n_flexible = ReducedOrderModel.read(self._of(ROM)).tables.n_modes
             models = prospects(self.scene, self.meshes, self.kinematics.mechanism, n_flexible, 0)
             model, why = quicker(models, "reduced")
-            return model or "reduced", why
+            # nobody estimates the error of component modes, so that they decide no probability
+            decides = self.scene.ensemble.probabilities and is_estimated(self.scene)
+            keeps = not model or (model == "components" and decides)
+            return ("reduced", "") if keeps else (model, why)
 
         return on_root(self.comm, found)
 

@@ -121,6 +121,15 @@ def test_samples_are_of_a_model_with_quicker_steps(scene: Path, first: str, no_p
     assert Ensemble.read(scene.with_name("mine_results") / "samples.h5").model == "full"
 
 
+def test_samples_of_an_event_are_of_a_model_that_decides_it(
+    scene: Path, first: str, no_page: None, monkeypatch
+) -> None:
+    """Of component modes no error is estimated: an arm's probability was not decided, for some seconds less."""
+    monkeypatch.setattr(jobs, "quicker", lambda found, model: ("components", "12 us for 3 us"))
+    said("run", scene, "-n", 6, *SHORT)
+    assert Ensemble.read(scene.with_name("mine_results") / "samples.h5").model == "reduced"
+
+
 def test_another_scene_is_done_anew(scene: Path, first: str, no_page: None) -> None:
     other = overridden("materials.steel.rho=7900.0")
     out, _ = said("run", scene, "-n", 8, *SHORT, *other)
