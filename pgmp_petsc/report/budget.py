@@ -90,8 +90,7 @@ def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) ->
     """Return the error of the reduced model: measured where runs of a better one are there, else estimated."""
     estimated = _estimated(sources)
     found = _measured(comparisons, estimated) or estimated
-    mesh = {name: own for name, (_, own, _) in mesh_errors(sources).items()}
-    return None if found is None else replace(found, mesh=mesh)
+    return None if found is None else replace(found, mesh=own_of_mesh(sources))
 
 
 def _measured(comparisons: Sequence[Comparison], estimated: ModelError | None) -> ModelError | None:
@@ -269,6 +268,11 @@ def mesh_errors(sources: Sequence[Source]) -> dict[str, tuple[float, float, str]
     return found
 
 
+def own_of_mesh(sources: Sequence[Source]) -> dict[str, float]:
+    """Return the errors of the scene's own mesh, as shares, of the outputs of which they are known."""
+    return {name: own for name, (_, own, _) in mesh_errors(sources).items()}
+
+
 def n_nodes(run: Trajectory) -> int:
     """Return the number of nodes of all bodies of a run, as its frames know them; 0 without frames."""
     frames = {} if run.frames is None else run.frames.nodes
@@ -362,10 +366,10 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
     lost = [f"all samples of {source.name} failed" for source in ensembles if source.result.status.all()]
     if stopped or lost:
         return Decision("failed", "Failed", "; ".join([*stopped, *lost]))
-    chances = []
+    chances, mesh = [], own_of_mesh(sources)
     for source in ensembles:
         for label, chance in source.result.probabilities.items():
-            of_runs, of_mesh = _of_runs(source.result, label, error)
+            of_runs, of_mesh = _of_runs(source.result, label, error, mesh)
             known = float(np.fmax(chance.model_error, of_runs))
             label = (f"{source.name}: " if len(ensembles) > 1 else "") + label
             label += " (too many samples failed)" * bool(np.isnan(chance.estimate))
@@ -381,10 +385,10 @@ def decision(sources: Sequence[Source], error: ModelError | None) -> Decision:
         open_ = [(one, of_mesh) for _, one, known, of_mesh in chances if not one.is_decided(known)]
         lost = any(np.isnan(one.estimate) for _, one, *_ in chances) or len(open_) < len(doubtful)
         by = "by this model"
-        if not lost and all(one.whose == OF_TIME_STEP for one, _ in open_):
-            by = "with this time step"
-        elif not lost and all(one.is_of_mesh(of_mesh) for one, of_mesh in open_):
+        if not lost and all(one.is_of_mesh(of_mesh) for one, of_mesh in open_):
             by = "with this mesh"
+        elif not lost and all(one.whose == OF_TIME_STEP for one, _ in open_):
+            by = "with this time step"
         return Decision("undecided", f"Not decided {by}", ", ".join(dict.fromkeys(doubtful)))
     words = [
         f"{label}: {one.whose} error is {share_text(known)}, and the answer holds up to {share_text(one.holds_to)}"
@@ -403,7 +407,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     runs = of_kind(sources, Trajectory)
     sentences: list[Sentence] = []
     for source in ensembles:
-        sentences += _of_ensemble(source, len(ensembles) > 1, error, _full_order_stops(sources))
+        sentences += _of_ensemble(source, len(ensembles) > 1, error, sources)
     if not sentences and runs:
         sentences += _of_run(runs[0], error)
     if not sentences:
@@ -420,18 +424,20 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     return sentences
 
 
-def _of_ensemble(source: Source, several: bool, error: ModelError | None, stops: bool) -> Iterator[Sentence]:
+def _of_ensemble(
+    source: Source, several: bool, error: ModelError | None, sources: Sequence[Source]
+) -> Iterator[Sentence]:
     """Yield probabilities of events; where the scene has none, the means and where most samples lie.
 
     A probability that the model does not decide has no figure that the page would print in bold.
     """
-    ensemble = source.result
+    ensemble, mesh, stops = source.result, own_of_mesh(sources), _full_order_stops(sources)
     ahead = f"{source.name}: " if several else ""
     for label, chance in ensemble.probabilities.items():
         place = Place(source.name, f"/probabilities/{label}")
         parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
         of = f"{percent(chance.confidence)} interval of {chance.of}"
-        of_runs, of_mesh = _of_runs(ensemble, label, error)
+        of_runs, of_mesh = _of_runs(ensemble, label, error, mesh)
         if np.isnan(chance.estimate):
             words = f"{ahead}P({chance.event}) is not known"
             yield [f"{words}: no sample tells."] if np.isnan(chance.interval).any() else [words, parts[1], f" %, {of}."]
@@ -473,16 +479,20 @@ def _full_order_stops(sources: Iterable[Source]) -> bool:
 VANISHES = 0.01  # of what samples end with: the share of a run's error in an output as small says nothing of theirs
 
 
-def _of_runs(ensemble: Ensemble, label: str, error: ModelError | None) -> tuple[float, float]:
-    """Return what single runs say of the error that decides an event, as a share, and the mesh's part of it.
+def _of_runs(
+    ensemble: Ensemble, label: str, error: ModelError | None, mesh: Mapping[str, float]
+) -> tuple[float, float]:
+    """Return what single runs say of the error that decides an event, as a share, and the mesh's part of it, known by
+    output.
 
-    NaN where they say nothing: of other models, or where the output is next to nothing in them, as at offsets of zero,
-    but not in samples.
+    NaN where they say nothing: of other models beside what their samples know, or where the output is next to nothing
+    in them, as at offsets of zero, but not in samples.
     """
-    if error is None or ensemble.model != "reduced":
-        return np.nan, 0.0
     event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
     output = event.get("output", "")
+    if error is None or ensemble.model != "reduced":
+        of_mesh = 0.0 if ensemble.model == "reduced" else mesh.get(output, 0.0)
+        return ensemble.probabilities[label].model_error + of_mesh, of_mesh
     ends = np.nan_to_num(np.abs(ensemble.outputs.get(output, np.zeros(1))))
     vanishes = error.largest.get(output, np.inf) < VANISHES * np.median(ends)
     return (np.nan, 0.0) if vanishes else (error.bound(output, event.get("when", "end")), error.mesh.get(output, 0.0))
@@ -664,7 +674,8 @@ def headline_of_ensemble(path: Path, *runs: Path) -> str:
     singles = [one.result for one in sources if isinstance(one.result, Trajectory) and one not in meshes]
     error = model_error(sources, paired(singles))
     failed = int(np.count_nonzero(ensemble.status))
-    answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error), _full_order_stops(sources))
+    mesh = own_of_mesh(sources)
+    answer = ensemble.answer(lambda label: _of_runs(ensemble, label, error, mesh), _full_order_stops(sources))
     return f"{counted(len(ensemble.status), 'sample')}, {failed} failed; {answer}{_remarks(ensemble.record)}"
 
 

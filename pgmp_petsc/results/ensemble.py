@@ -146,11 +146,11 @@ class Chance(Record):
         why = f"{near} value (it would take one below {needed})"
         why = "too many samples lie on the level itself" if self.holds_to == 0.0 else why
         why = f"{what} is not known" if np.isnan(error) else "no sample tells" if np.isnan(self.holds_to) else why
-        if of_step:
-            return f"not decided with this time step: {why}; {self.decided_by!r} tells whether it stays"
         if self.is_of_mesh(of_mesh):
             finer = f"{share_text(of_mesh, 3)} of it the mesh's, so that only a finer mesh does: more elements"
             return f"not decided with this mesh: {why}, {finer}, or a smaller mesh_size"
+        if of_step:
+            return f"not decided with this time step: {why}; {self.decided_by!r} tells whether it stays"
         stops = "nor by the full-order model, whose run stops before its end"
         return f"not decided by this model: {why}; {stops if full_order_stops else f'{self.decided_by!r} decides it'}"
 

@@ -34,7 +34,7 @@ from pgmp_petsc.report.charts import Curve, Level, distribution, output_over_tim
 from pgmp_petsc.report.page import _commands, _largest_of_units, downloads_of, write_report
 from pgmp_petsc.report.sources import Source, read_sources
 from pgmp_petsc.results import Attempt, Balance, Ensemble, Selection, Trajectory
-from pgmp_petsc.results.ensemble import EXTREMES, Joined
+from pgmp_petsc.results.ensemble import EXTREMES, OF_TIME_STEP, Joined
 from pgmp_petsc.results.estimates import OF_STEP, EstimatedErrors
 from pgmp_petsc.results.numbers import one_unit_each
 from pgmp_petsc.results.summary import summary_of
@@ -228,6 +228,25 @@ def test_what_the_mesh_leaves_no_other_model_decides(
     assert f"is not decided {by}" in (said := headline_of_ensemble(path)) and cure in said
     sources = [source for scene in read_sources([path], frame=0)[0] for source in scene]
     assert budget.decision(sources, None).title == f"Not decided {by}"
+
+
+@pytest.mark.parametrize(
+    ("model", "of_mesh", "title"),
+    [("full", 0.009, "Not decided with this time step"), ("full", 0.02, "Not decided with this mesh"),
+     ("full", 0.001, "Decided"), ("components", 0.001, "Not decided by this model")],
+)  # fmt: skip
+def test_samples_of_the_mesh_have_its_error_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str, of_mesh: float, title: str
+) -> None:
+    """Errors of component modes are not known, whatever the mesh is off by."""
+    found = with_event(synthetic.described())
+    step = {"whose": OF_TIME_STEP} if model == "full" else {"model_error": np.nan}
+    late = replace(found.probabilities["late"], holds_to=0.01, **({"model_error": 0.002} | step))
+    replace(found, model=model, probabilities={"late": late}).write(path := tmp_path / "many.h5")
+    monkeypatch.setattr(budget, "own_of_mesh", lambda sources: {"crank_angle": of_mesh})
+    sources = [source for scene in read_sources([path], frame=0)[0] for source in scene]
+    assert budget.decision(sources, None).title == title
+    assert ("= 5.26 % [1, 20]" in headline_of_ensemble(path)) == (title == "Decided")
 
 
 SIZED = tables("""
