@@ -74,14 +74,13 @@ def sensitivities(
         return keeper.result(differentiated(prepared, tuple(names), comm), prepared.scene)
 
 
-def _status(found: Fit | Design) -> None:
-    if not found.converged:  # of a design the first warning says why
-        warnings = (remark.text for remark in found.record.remarks if remark.kind == "warning")
-        raise RunError("the fit did not converge" if isinstance(found, Fit) else next(warnings))
+def _status_of_fit(found: Fit) -> None:
+    if not found.converged:
+        raise RunError("the fit did not converge")
 
 
 @command(
-    "fit", "Fit parameters to a measured history.", 110, report=report_of_fit, status=_status, about="measured",
+    "fit", "Fit parameters to a measured history.", 110, report=report_of_fit, status=_status_of_fit, about="measured",
     rom=SOURCE, model=DIFFERENTIABLE, output=OPTIONAL_OUTPUT,
     measured=Argument(
         "CSV file whose first line names its columns: time (s), and outputs of the scene in its units.",
@@ -127,8 +126,13 @@ def fit(
         return keeper.result(fitted(prepared, history, tuple(names), deviations, comm), prepared.scene)
 
 
+def _status_of_design(found: Design) -> None:
+    if not found.converged:  # the first warning says why
+        raise RunError(next(remark.text for remark in found.record.remarks if remark.kind == "warning"))
+
+
 @command(
-    "optimize", "Find the parameters that meet a goal best.", 120, report=report_of_design, status=_status,
+    "optimize", "Find the parameters that meet a goal best.", 120, report=report_of_design, status=_status_of_design,
     about="rom", rom=SOURCE, model=DIFFERENTIABLE, output=OPTIONAL_OUTPUT,
     goal=Argument(
         "What the design is for, such as 'minimise max(abs(OUTPUT))'.",

@@ -300,7 +300,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
     values = model.scene.values | dict(zip(question.names, map(float, best)))
     with timings.phase("errors"), doing("errors of the design"), agreed(comm, "errors of the design"):
-        own = _of_own_error(model, question, figures, best) if comm.rank == 0 else ()
+        own = _of_own_error(model, question, figures, best, ended) if comm.rank == 0 else ()
     contradicting = _contradicting(question, figures, best, last, sizes)
     astray = {
         "derivatives jump where contacts come and go": ended.contacts,
@@ -502,16 +502,19 @@ def _of_end(
 
 
 def _of_own_error(
-    model: ReducedModel, question: Question, figures: DesignFigures, best: np.ndarray
+    model: ReducedModel, question: Question, figures: DesignFigures, best: np.ndarray, nominal: DifferentiatedRun
 ) -> tuple[Remark, ...]:
-    """Return what errors of the model do to the goal and to the constraints of a design, over all of its samples."""
+    """Return what errors of the model do to the goal and to the constraints of a design, over all of its samples, or of
+    its `nominal` run where that is all."""
     points = [figures.values(best, sample) for sample in range(figures.n_samples)]
     errors = errors_of_runs(of_samples(model, question.names), points)
     sides = {question.goal: (question.goal.expression,)} | {one: (one.left, one.right) for one in question.constraints}
     names = sorted({name for parts in sides.values() for part in parts for name in part.outputs})
-    runs = [differentiate(model, point, ()) for point in points] if errors is not None else []
+    if errors is None:
+        return (not_known(model, "the goal and the constraints", errors, names),)
+    runs = [nominal] if question.deviations is None else [differentiate(model, point, ()) for point in points]
     known = [errors.over(run.time, names, sample) for sample, run in enumerate(runs)]
-    if not known or any(one is None for one in known):
+    if any(one is None for one in known):
         return (not_known(model, "the goal and the constraints", errors, names),)
     better = [
         replace(run, outputs={name: run.outputs[name] - own[name] for name in names}) for run, own in zip(runs, known)

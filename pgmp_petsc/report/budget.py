@@ -490,12 +490,13 @@ def _of_runs(
     """
     event = scene_of(ensemble.record).get("ensemble", {}).get("probabilities", {}).get(label, {})
     output = event.get("output", "")
-    if error is None or ensemble.model != "reduced":
-        of_mesh = 0.0 if ensemble.model == "reduced" else mesh.get(output, 0.0)
+    of_mesh = mesh.get(output, 0.0)
+    if ensemble.model != "reduced":
         return ensemble.probabilities[label].model_error + of_mesh, of_mesh
     ends = np.nan_to_num(np.abs(ensemble.outputs.get(output, np.zeros(1))))
-    vanishes = error.largest.get(output, np.inf) < VANISHES * np.median(ends)
-    return (np.nan, 0.0) if vanishes else (error.bound(output, event.get("when", "end")), error.mesh.get(output, 0.0))
+    if error is None or error.largest.get(output, np.inf) < VANISHES * np.median(ends):
+        return np.nan, 0.0
+    return error.bound(output, event.get("when", "end")), of_mesh
 
 
 def _of_run(source: Source, error: ModelError | None) -> Iterator[Sentence]:
