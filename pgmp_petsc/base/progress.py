@@ -51,12 +51,14 @@ class Progress(AbstractContextManager):
 
     The total is None where it is not known before: a search ends when it ends. `initial` units were done before.
     Of units that are not alike, `work` is what all of them are predicted to take; the time left follows from that.
+    What a search has `found` so far, in words, is shown with the next count.
     """
 
     def __init__(self, total: float | None = None, initial: int = 0, work: float | None = None) -> None:
         self._total, self._done, self._part = total, initial, 0.0
         self._work, self._worked = work, 0.0
         self._outer = len(_phases)
+        self.found = ""
 
     def update(self, n: int = 1, work: float = 0.0) -> None:
         """Count ``n`` further units of work as done, which were predicted to take so much of all."""
@@ -74,8 +76,9 @@ class Progress(AbstractContextManager):
 
     @property
     def beside(self) -> list[str]:
-        """What is to be said beside the count, one or none: what work waits for, or else what goes on within it."""
-        return _waits_for[-1:] or _phases[self._outer : self._outer + 1]
+        """What is to be said beside the count, one or none: what work waits for, or else what goes on within it, or
+        what it has found."""
+        return _waits_for[-1:] or _phases[self._outer : self._outer + 1] or ([self.found] if self.found else [])
 
     @property
     def _of_all(self) -> tuple[float, float]:
@@ -222,6 +225,7 @@ class _Bar(Progress):
         """Move the bar, which never goes back: others may be less far with theirs."""
         done = int(self._so_far)
         if done > self._bar.n:
+            self.tell()
             self._bar.update(done - self._bar.n)
 
     def tell(self) -> None:

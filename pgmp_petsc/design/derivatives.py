@@ -40,8 +40,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import SI, Units, UnitSystem, dimension_of, si_name
 from pgmp_petsc.declare import formulas
 from pgmp_petsc.declare.formulas import in_si, shifted
-from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import largest_at_start, of_figures, polynomials_of_lengths
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.contacts import Contact
 from pgmp_petsc.gradients.differences import NEAR, Off, announce_runs, why_differences
@@ -136,9 +136,10 @@ def _of_own_error(model: Observing, run: DifferentiatedRun, names: Sequence[str]
     scene, what, units = model.scene, "derivatives", model.outputs.units
     moved = [_moved(scene, name) for name in names]
     points = [scene.values, *(scene.values | {name: value} for name, value in zip(names, moved))]
-    errors = errors_of_runs(model, points)
+    runs = RunsAtPoints.of(model, points)
+    errors, beyond = runs.errors, runs.beyond("runs (as given, and with each parameter changed)")
     if errors is None:
-        return (not_known(model, what),)
+        return (runs.not_known(what), *beyond)
     effects, lost = [], [output for output, at_end in errors.at_end.items() if not np.isfinite(at_end).all()]
     none = nothing(run.outputs, units, model.kinematics.size)
     for output, at_end in errors.at_end.items():
@@ -155,8 +156,8 @@ def _of_own_error(model: Observing, run: DifferentiatedRun, names: Sequence[str]
                 text = f"d {output} / d {name} at the end"
                 unit = scene.system.size_of(scene.parameters[name].unit or "1") / scene.system.size_of(units[output])
                 effects.append((text, unit * slope, unit * float(without), abs(unit * slope)))
-    unknown = (not_known(model, f"{what} of {', '.join(lost)}", errors, lost),) if lost else ()
-    return (*(of_figures(effects) if effects else ()), *unknown)
+    unknown = (runs.not_known(f"{what} of {', '.join(lost)}", lost),) if lost else ()
+    return (*(of_figures(effects) if effects else ()), *unknown, *beyond)
 
 
 def _moved(scene: Scene, name: str) -> float:

@@ -52,8 +52,8 @@ from pgmp_petsc.design.derivatives import (
     difference_remarks,
     step_remarks,
 )
-from pgmp_petsc.estimates.error_indicator import Estimate, errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import of_figures
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.files.hdf5 import RunRecord, csv_table
 from pgmp_petsc.gradients.differences import announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -387,8 +387,8 @@ class _Fitting:
         errors, correlation, tied = uncertainty(slopes, self._scale, lasting)
         estimate = np.array([solution.values[name] for name in self._names])
         scene, history = self._model.scene, self._history
-        own = errors_of_runs(self._model, [scene.values | solution.values])
-        known = None if own is None else own.over(history.time, self._n)
+        own = RunsAtPoints.of(self._model, [scene.values | solution.values])
+        known = None if own.errors is None else own.errors.over(history.time, self._n)
         if known is not None:
             known = {name: known[name][history.there(name)] for name in self._n}
         why = f"the fit did not converge: {solution.reason}; begin nearer (--set)"
@@ -399,7 +399,7 @@ class _Fitting:
         )
         remarks = (
             *history.remarks, *ended, near, *self._turned_back.remarks,
-            *self._of_own_error(solution, slopes, sigma, errors, own, known),
+            *self._of_own_error(solution, slopes, sigma, errors, own, known), *own.beyond(),
             *served_remarks(self._served, self._names),
             *self._of_limits(estimate, errors, tied, correlation),
             *self._of_noise(left, sigma, lasting, known),
@@ -563,21 +563,21 @@ class _Fitting:
 
     def _of_own_error(
         self, solution: _Solution, slopes: Sequence[np.ndarray], sigma: np.ndarray, errors: np.ndarray,
-        estimate: Estimate | None, known: Mapping[str, np.ndarray] | None,
+        own: RunsAtPoints, known: Mapping[str, np.ndarray] | None,
     ) -> tuple[Remark, ...]:  # fmt: skip
         """Return what errors of the model do to the estimates, by a step of the fit: `slopes` are its Jacobians over
         the noise, (n_k, n_parameters) of each output, standard errors are (n_parameters,). Its errors where outputs
-        were measured, (n_k,) each, are `known` of its estimate, or None."""
+        were measured, (n_k,) each, are `known` of its `own` run, or None."""
         if known is None:
-            return (not_known(self._model, "the estimates", estimate, self._n),)
+            return (own.not_known("the estimates", self._n),)
         row = np.concatenate([known[name] / one for name, one in zip(self._n, sigma)])
         moved = np.linalg.lstsq(np.concatenate(slopes) * self._scale, row, rcond=NO_DIRECTION)[0] * self._scale
         # y - e follows the data with values that differ by the step that e asks for
         figures = []
         for name, step, error in zip(self._names, moved, errors):
             if np.isfinite(error):
-                own = to_own(self._model.scene, name)
-                value, step, error = (own * float(x) for x in (solution.values[name], step, error))
+                size = to_own(self._model.scene, name)
+                value, step, error = (size * float(x) for x in (solution.values[name], step, error))
                 figures.append((f"{name} (standard error {plain(error)})", value, value + step, error))
         return of_figures(figures, "the standard errors", OF_STANDARD_ERROR) if figures else ()
 

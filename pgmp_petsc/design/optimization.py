@@ -20,8 +20,8 @@ from warnings import catch_warnings, filterwarnings
 import numpy as np
 import scipy
 
-from pgmp_petsc.base.errors import InputError, PgmpError, Remark, RunError, gathered, note, warning
-from pgmp_petsc.base.progress import doing, progress
+from pgmp_petsc.base.errors import InputError, PgmpError, Remark, RunError, counted, gathered, note, warning
+from pgmp_petsc.base.progress import Progress, doing, progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import behind
@@ -41,8 +41,8 @@ from pgmp_petsc.design.fitting import ends_of, limits_of, served_remarks
 from pgmp_petsc.ensemble.intervals import of_mean_and_deviations
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
-from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import of_figures
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differences import Off, announce_runs
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -86,9 +86,9 @@ class DesignFigures:
     Start, scale and limits are values, sizes and limits of the parameters, (n_parameters,) twice and (n_parameters, 2);
     `narrowed` is, by parameters whose limits it narrows, the spread of the samples, what it leaves, and where the
     search begins if not where it was to, in words. Designs that were asked for and could be run are `tried`, with the
-    `goals` there, which are minimised; others are `turned_back`. `count` is called with a number of runs after they
-    were made. `off` is how far the derivatives of runs may be off where they are differences; `of_samples` are
-    goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
+    `goals` there, which are minimised; others are `turned_back`. Runs are counted by `progress`, which has
+    what was found so far. `off` is how far the derivatives of runs may be off where they are differences; `of_samples`
+    are goal and constraints of every sample of the last design that could be run, (n_samples, n_figures).
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: Comm) -> None:
@@ -110,7 +110,7 @@ class DesignFigures:
         self.turned_back = TurnedBack()
         self._known: dict[bytes, list[Dual]] = {}
         self._sides: list[float] = []
-        self.count: Callable[[int], object] = lambda n: None
+        self.progress = Progress()
         self.off = Off()
         self.of_samples = np.zeros((0, 1 + len(question.constraints)))
 
@@ -173,8 +173,17 @@ class DesignFigures:
                 self.tried.append(design.copy())
                 self.goals.append(found[0].value)
                 self.missed.append([dual.value for dual in found[1:]])
+                self.progress.found = self._words_of(found)
             self._known = {key: found}
         return self._known[key]
+
+    def _words_of(self, found: Sequence[Dual]) -> str:
+        """Return what is known of the last design that was tried."""
+        goal = self._question.goal
+        value = with_unit(goal.sense * goal.size * found[0].value, goal.unit, 3)
+        missed = sum(dual.value > 0.0 for dual in found[1:])
+        constraints = f", {missed} of {counted(len(found) - 1, 'constraint')} missed" if len(found) > 1 else ""
+        return f"design {len(self.tried)}: {goal.text.partition(' ')[2]} = {value}{constraints}"
 
     def _evaluated(self, design: np.ndarray) -> list[Dual] | PgmpError:
         """Return the figures of a design, or why the first of its samples that cannot be run stops."""
@@ -186,7 +195,7 @@ class DesignFigures:
                 except PgmpError as error:
                     mine.append((sample, error))
                     break
-                self.count(min(comm.size, self.n_samples - sample))
+                self.progress.update(min(comm.size, self.n_samples - sample))
         found = dict(pair for part in comm.allgather(mine) for pair in part)
         self.off = max(comm.allgather(self.off))
         stopped = [sample for sample in sorted(found) if isinstance(found[sample], PgmpError)]
@@ -286,8 +295,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         figures = DesignFigures(model, question, comm)
         each = "each sample of a design" if figures.n_samples > 1 else "each design"
         announce_runs(model, question.names, each, comm)
-    with timings.phase("design"), progress(None, "runs of designs", comm) as bar:
-        figures.count = bar.update
+    with timings.phase("design"), progress(None, "runs of designs", comm) as figures.progress:
         start = figures.start
         first = figures.at(start)
         sizes = figures.sizes(first[1:])
@@ -504,18 +512,18 @@ def _of_end(
 def _of_own_error(
     model: ReducedModel, question: Question, figures: DesignFigures, best: np.ndarray, nominal: DifferentiatedRun
 ) -> tuple[Remark, ...]:
-    """Return what errors of the model do to the goal and to the constraints of a design, over all of its samples, or of
-    its `nominal` run where that is all."""
+    """Return what errors of the model do to the goal and to the constraints of a design, and how far it leaves what the
+    model holds for, over all of its samples, or of its `nominal` run where that is all."""
     points = [figures.values(best, sample) for sample in range(figures.n_samples)]
-    errors = errors_of_runs(of_samples(model, question.names), points)
+    checked = RunsAtPoints.of(of_samples(model, question.names), points)
+    errors, beyond = checked.errors, checked.beyond("samples of the design")
     sides = {question.goal: (question.goal.expression,)} | {one: (one.left, one.right) for one in question.constraints}
     names = sorted({name for parts in sides.values() for part in parts for name in part.outputs})
-    if errors is None:
-        return (not_known(model, "the goal and the constraints", errors, names),)
-    runs = [nominal] if question.deviations is None else [differentiate(model, point, ()) for point in points]
+    each = [nominal] if question.deviations is None else (differentiate(model, point, ()) for point in points)
+    runs = [] if errors is None else list(each)
     known = [errors.over(run.time, names, sample) for sample, run in enumerate(runs)]
-    if any(one is None for one in known):
-        return (not_known(model, "the goal and the constraints", errors, names),)
+    if not known or any(one is None for one in known):
+        return (checked.not_known("the goal and the constraints", names), *beyond)
     better = [
         replace(run, outputs={name: run.outputs[name] - own[name] for name in names}) for run, own in zip(runs, known)
     ]
@@ -528,7 +536,7 @@ def _of_own_error(
     for what, parts in sides.items():
         here, there = ([what.size * figure(part, what.sense, of) for part in parts] for of in (runs, better))
         told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
-    return of_figures(told)
+    return (*of_figures(told), *beyond)
 
 
 def _at_limits(figures: DesignFigures, best: np.ndarray) -> Iterator[tuple[int, str]]:

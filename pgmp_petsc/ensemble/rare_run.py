@@ -24,8 +24,8 @@ from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, v
 from pgmp_petsc.ensemble.statistics import in_words
 from pgmp_petsc.ensemble.stopping import Reader
 from pgmp_petsc.ensemble.watchers import watch_over_time
-from pgmp_petsc.estimates.error_indicator import errors_of_runs, not_known
 from pgmp_petsc.estimates.own_error import of_figures
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.files.hdf5 import RunRecord
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.lanes.vectors import LANES
@@ -235,17 +235,18 @@ def _of_own_error(
     if not (found.reached and nearest.size):
         return ()
     points = [{name: float(column[k]) for name, column in parameters.items()} for k in nearest]
-    errors = errors_of_runs(of_samples(model, names), points)
+    runs = RunsAtPoints.of(of_samples(model, names), points)
+    errors, beyond = runs.errors, runs.beyond("samples that are nearest to the level")
     if errors is None:
-        return (not_known(model, what),)
+        return (runs.not_known(what), *beyond)
     at = errors.at_end[event.output]
     if event.when == "ever":
         rows = [of_run[event.output] for _, of_run in errors.histories]
         at = np.array([row[np.argmax(np.abs(row))] if row.size else np.nan for row in rows])
     if not np.isfinite(at).any():
-        return (not_known(model, what, errors, [event.output]),)
+        return (runs.not_known(what, [event.output]), *beyond)
     without = min(1.0, found.probability * found.factor_of(-event.sign * float(np.nanmean(at))))
-    return of_figures([(what, found.probability, without, found.probability)], what)
+    return (*of_figures([(what, found.probability, without, found.probability)], what), *beyond)
 
 
 def with_failed(found: RareSamples, confidence: float) -> np.ndarray:

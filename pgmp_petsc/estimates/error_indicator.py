@@ -15,7 +15,7 @@ with what the sample said: what the polynomials are off by is in the estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,23 +23,20 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.base.errors import InputError, Remark, note
+from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.controllers.running import AFTER
 from pgmp_petsc.estimates import reference_motion
 from pgmp_petsc.estimates.checking_model import Begin, CheckingModel, ErrorSystem
-from pgmp_petsc.estimates.own_error import absence_of_estimates, is_estimated
 from pgmp_petsc.estimates.reference_motion import ReferenceMotion, Schedule
 from pgmp_petsc.full.systems import FullBatch
-from pgmp_petsc.mechanism.capabilities import comparing
-from pgmp_petsc.models import ComponentModel, LengthLanes, Model, Reduced, ReducedModel
+from pgmp_petsc.models import ComponentModel, LengthLanes, Reduced, ReducedModel
 from pgmp_petsc.models.model import floors_of
 from pgmp_petsc.outputs.multipliers import judged
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.results.numbers import Arrays, with_unit
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.scene.uses import offset_names
-from pgmp_petsc.stepping.generalised_alpha import ERROR_PREFIX, Attempt, Run, integrate, integrate_with_smaller_steps
+from pgmp_petsc.stepping.generalised_alpha import ERROR_PREFIX, integrate
 from pgmp_petsc.stepping.second_order_system import Observer, PooledObserver, State
 from pgmp_petsc.stepping.status import Status
 
@@ -383,42 +380,3 @@ class WatchedSamples(Observer):
             if run is not None:
                 found.put([sample], run.estimate(status))
         return found
-
-
-def errors_of_runs(model: Reduced, points: Sequence[Mapping[str, float]]) -> Estimate | None:
-    """Run a model at parameter values, with smaller steps where it fails, and estimate its errors; None where there are
-    no estimates: the scene says so, or the model is of components."""
-    scene, n = model.scene, len(points)
-    if model.name == ComponentModel.name or not is_estimated(scene):
-        return None
-    values = {name: np.array([point[name] for point in points]) for name in points[0]}
-    indicator, whole = indicator_of(model), Estimate.nothing(model.outputs.functions, n)
-
-    def run(attempt: Attempt) -> Run:
-        system = model.batch({name: of[attempt.samples] for name, of in values.items()}, attempt.samples.size)
-        watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
-        with np.errstate(all="ignore"):  # a run that fails has no estimate
-            done = integrate(system, attempt.simulation, observer=watched)
-            whole.put(attempt.samples.tolist(), watched.estimate(done.status))
-        return done
-
-    outcome = integrate_with_smaller_steps(run, scene.simulation, np.ones(n, dtype=bool))
-    for sample in np.flatnonzero(outcome.status != Status.FINE).tolist():
-        apart = {name: value for name, value in points[sample].items() if value != scene.values.get(name)}
-        where = values_text(scene, apart) or "the scene's values"
-        why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
-        for reasons in whole.absent.values():
-            reasons[sample] = why + Status(outcome.status[sample]).meaning
-    return whole
-
-
-def not_known(model: Model, what: str, errors: Estimate | None = None, names: Iterable[str] = ()) -> Remark:
-    """Return why the model's own part of some figures, which are of outputs with these names, is not known."""
-    if model.name == ComponentModel.name:
-        why = f"errors of component modes are not estimated; take more reduction.modes, or {comparing(model.scene)}"
-        if not any(body.flexible for body in model.scene.bodies.values()):
-            why = "all bodies are rigid, so that these are errors of the time step; take half of simulation.step"
-    else:
-        absent = absence_of_estimates(model.scene)
-        why = absent[0].text if absent or errors is None else f"{errors.why_not(names)}; {comparing(model.scene)}"
-    return note(f"what errors of the {model.title} model do to {what} is not known: {why}")

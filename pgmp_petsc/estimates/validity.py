@@ -218,8 +218,9 @@ def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float
 
 
 @gathered
-def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iterator[Remark]:
-    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
+def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float], whose: str = "samples") -> Iterator[Remark]:
+    """Return warnings of what is beyond its limit in a run or in some samples, or in what they are, and notes on what
+    is not known.
 
     What is looked at comes by the names of `VALIDITY`, each a number or of shape (n,).
     """
@@ -228,9 +229,9 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> Iter
         values = np.atleast_1d(validity[name])
         too_far = np.abs(values) > limits[name]  # NaN, where nothing is known, is not
         if too_far.any():
-            whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "
+            some = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} {whose}: "
             worst = values[too_far][np.argmax(np.abs(values[too_far]))]
-            yield warning(whose + text.format(f"{worst:.2g}"))
+            yield warning(some + text.format(f"{worst:.2g}"))
     yield from _given_way(scene, np.atleast_1d(validity["elastic_rotation"]))
     continuum = [name for name, body in scene.bodies.items() if body.continuum and body.flexible]
     given = [name for name in continuum if scene.bodies[name].matrices is not None]

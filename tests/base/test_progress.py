@@ -212,10 +212,20 @@ def test_what_goes_on_within_a_count_is_said_beside_it() -> None:
     assert clock.lines() == ["settings: 0 of 26, 6 s, full order, 4000 steps", "settings: 0 of 26, 12 s"]
 
 
+def test_what_a_search_has_found_is_said_where_nothing_goes_on_within_it() -> None:
+    clock = Clock()
+    count = Lines(None, "runs", clock.stream, clock=clock)
+    count.found = "design 1"
+    clock.after(6.0, count.look)
+    with doing("errors"):
+        clock.after(6.0, count.look)
+    assert clock.lines() == ["runs: 0, 6 s, design 1", "runs: 0, 12 s, errors"]
+
+
 def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    with progress(7, "samples", Rank(0)):
+    with progress(7, "samples", Rank(0)) as count:
         waits_for("compiling")
         assert "compiling" in terminal.getvalue()
         waits_for(None)
@@ -223,6 +233,9 @@ def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None
         assert "samples" in last and "compiling" not in last
         with doing("errors"):
             assert "errors" in terminal.getvalue().rsplit("\r", 1)[-1]
+        count.found = "design 1"
+        count.update()
+        assert "design 1" in terminal.getvalue().rsplit("\r", 1)[-1]
         assert "errors" not in terminal.getvalue().rsplit("\r", 1)[-1]
 
 

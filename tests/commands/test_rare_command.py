@@ -15,6 +15,7 @@ from pgmp_petsc.ensemble.integration import run_batch
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.ensemble import RareEvent
 from pgmp_petsc.results.summary import json_text, summary_of
@@ -146,7 +147,7 @@ def test_a_likely_event_is_no_more_than_sure_without_the_errors(
     model: ReducedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     far = SimpleNamespace(at_end={"crank_angle": np.full(8, -1.0)}, histories=())
-    monkeypatch.setattr(rare_run, "errors_of_runs", lambda *given: far)
+    monkeypatch.setattr(RunsAtPoints, "of", lambda model, points: RunsAtPoints(model, far, {}))
     result = run_rare_event(model, Event(output="crank_angle", above=2e-3), 500, 1, MPI.COMM_SELF)
     assert 0.01 < result.estimate < 0.9
     assert any("about 1 without the estimated errors" in remark.text for remark in result.record.remarks)

@@ -17,7 +17,7 @@ import pgmp_petsc as pgmp
 import pgmp_petsc.estimates.reference_motion as module
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.estimates.checking_model import CheckingModel, SampledLoad
-from pgmp_petsc.estimates.error_indicator import Estimate, errors_of_runs, not_known
+from pgmp_petsc.estimates.error_indicator import Estimate
 from pgmp_petsc.estimates.own_error import (
     MOST_NAMED,
     large_errors,
@@ -35,6 +35,7 @@ from pgmp_petsc.estimates.reference_motion import (
     places_of,
     schedules,
 )
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import EstimatedErrors, Trajectory
 from pgmp_petsc.results.numbers import felt
@@ -105,17 +106,17 @@ def test_figures_are_told_from_a_share_of_their_size_on() -> None:
 
 def test_errors_that_are_not_estimated_are_said_to_be_unknown() -> None:
     model = reduced_model(slider_crank())  # without outputs
-    assert errors_of_runs(model, [model.scene.values]) is None
-    said = not_known(model, "derivatives")
+    runs = RunsAtPoints.of(model, [model.scene.values])
+    assert runs.errors is None
+    said = runs.not_known("derivatives")
     assert said.kind == "note" and "errors of the reduced model do to derivatives is not known: errors" in said.text
     model, time = reduced_model(slider_crank("outputs.angle={type='angle', joint='crank_hinge'}")), np.arange(3.0)
     history = time, {"angle": 0.1 * time, "force": np.full(3, np.nan)}
     found = Estimate({}, {}, [history], {"angle": ("",), "force": ("two estimates disagree",)})
     assert np.array_equal(found.over(time[1:], ["angle"])["angle"], [0.1, 0.2])
     assert found.over(time, ["angle", "force"]) is None
-    assert (
-        "is not known: two estimates disagree; compare with" in not_known(model, "it", found, ["angle", "force"]).text
-    )
+    said = RunsAtPoints(model, found, {}).not_known("it", ["angle", "force"])
+    assert "is not known: two estimates disagree; compare with" in said.text
 
 
 def test_a_run_without_an_estimate_is_named() -> None:
@@ -124,9 +125,9 @@ def test_a_run_without_an_estimate_is_named() -> None:
     free = "coordinates.theta.periodic=false", "coordinates.theta.range=[-1.0, 0.5]", "simulation.duration=0.02"
     model = reduced_model(slider_crank(angle, speed, *free, "simulation.initial.theta.velocity='speed'"))
     points = [model.scene.values | {"speed": value} for value in (1.0, 1e3, 2.0)]
-    found = errors_of_runs(model, points)
-    assert np.array_equal(np.isfinite(found.at_end["angle"]), [True, False, True])
-    assert "is not known: the run at speed = 1000 rad/s stopped at 0." in not_known(model, "it", found, ["angle"]).text
+    runs = RunsAtPoints.of(model, points)
+    assert np.array_equal(np.isfinite(runs.errors.at_end["angle"]), [True, False, True])
+    assert "is not known: the run at speed = 1000 rad/s stopped at 0." in runs.not_known("it", ["angle"]).text
 
 
 LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"

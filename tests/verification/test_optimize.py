@@ -12,10 +12,11 @@ from runs import reduced_model
 
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import optimization
-from pgmp_petsc.design.derivatives import Dual, read_constraint, read_goal
+from pgmp_petsc.design.derivatives import Dual, read_constraint, read_goal, sensitivities
 from pgmp_petsc.design.optimization import DesignFigures, Question, _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.gradients.differences import Off
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
@@ -121,13 +122,26 @@ def test_what_the_model_is_off_by_in_any_sample_is_told(wound: ReducedModel, mon
     """Errors of the nominal run alone were 0.15 % of a stress that one of 32 samples had made a third too large."""
     off = 0.4 * LEAST * (np.arange(12) == 2)
     estimate = SimpleNamespace(over=lambda time, names, sample: {"angle": np.full(time.size, off[sample])})
-    monkeypatch.setattr(optimization, "errors_of_runs", lambda model, points: estimate if len(points) == 12 else None)
+    monkeypatch.setattr(
+        RunsAtPoints, "of", lambda model, points: RunsAtPoints(model, estimate if len(points) == 12 else None, {})
+    )
     found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=12, seed=4)
     better = (found.parameters[0].value + draw(wound.scene, 4, 0, 12)["push"] - 1.0) / STIFFNESS - off
     (told,) = [remark.text for remark in found.record.remarks if "own error is a good part" in remark.text]
     both = re.search(r"'start\(angle\) >= 0.05': ([\d.]+), about ([\d.-]+) without", told)
     assert float(both[1]) == pytest.approx(LEAST, rel=1e-3)
     assert float(both[2]) == pytest.approx(better.mean() - 3.0 * better.std(ddof=1), rel=2e-2)
+
+
+def test_that_a_model_does_not_hold_reaches_what_is_made_of_its_runs() -> None:
+    """A beam of a radius of 1 mm turns by 0.16 rad against its frame; 0.14 rad is the limit of small rotations."""
+    model, text = reduced_model(bending("parameters.r={nominal=1e-3,bounds=[0.8e-3,20e-3]}")), "elastic rotations of"
+    for sag, beyond in ((0.2, ["warning: elastic rotations of 0.17 rad, beyond 0.14"]), (SAG, [])):
+        found = design_of(model, "minimise r", f"start(sag) >= -{sag}")
+        told = [str(one) for one in found.record.remarks if text in one.text]
+        assert [one[: len(expected)] for one, expected in zip(told, beyond, strict=True)] == beyond
+    told = sensitivities(model, ["r"], MPI.COMM_SELF).record.remarks
+    assert any(f"2 of 2 runs (as given, and with each parameter changed): {text}" in one.text for one in told)
 
 
 class OneOfTwo:
@@ -147,6 +161,14 @@ def test_derivatives_are_as_far_off_as_on_any_rank(wound: ReducedModel) -> None:
     figures = DesignFigures(wound, question, OneOfTwo())
     figures.at(figures.start)
     assert figures.off.share == 0.5
+
+
+def test_a_search_says_what_it_has_found(wound: ReducedModel) -> None:
+    known = ["angle"], ["push"]
+    constraints = tuple(read_constraint(f"start(angle) >= {least}", *known) for least in (LEAST, 0.0))
+    figures = DesignFigures(wound, Question(read_goal("maximise push", *known), constraints, ("push",)), MPI.COMM_SELF)
+    figures.at(figures.start)
+    assert figures.progress.found == "design 1: push = 1, 1 of 2 constraints missed"
 
 
 def test_more_of_a_figure_is_wanted(wound: ReducedModel) -> None:
