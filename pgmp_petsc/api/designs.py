@@ -179,7 +179,8 @@ def optimize(
     """Find the parameters of the model `rom` that meet `goal` best.
 
     `goal` is "minimise ..." or "maximise ...", a CONSTRAINT is "... <= ..." or "... >= ...": sums, products and powers
-    of numbers, parameters, and figures of outputs: max, min, mean, rms, start and end of an output or of its abs.
+    of numbers (60, or 60 MPa), parameters, and figures of outputs: max, min, mean, rms, start and end of an output or
+    of its abs.
 
     \b
     pgmp optimize rom.h5 "minimise max(abs(slider_deformation))" --subject-to "r1 <= 6e-3" -o design.h5

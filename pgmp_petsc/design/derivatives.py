@@ -37,7 +37,20 @@ from pgmp_petsc.base.errors import InputError, PgmpError, Remark, gathered, near
 from pgmp_petsc.base.progress import progress
 from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
-from pgmp_petsc.base.units import SI, Units, UnitSystem, dimension_of, si_name
+from pgmp_petsc.base.units import (
+    IN_TURNS,
+    SI,
+    UNITS,
+    Units,
+    UnitSystem,
+    UnknownUnit,
+    dimension_of,
+    has_angles,
+    is_hertz,
+    measure,
+    si_name,
+    times,
+)
 from pgmp_petsc.declare import formulas
 from pgmp_petsc.declare.formulas import in_si, shifted
 from pgmp_petsc.estimates.own_error import largest_at_start, of_figures, polynomials_of_lengths
@@ -405,6 +418,7 @@ class _Reader:
             )
         self._given, self._system = units, system
         self._units: dict[str, str] = {}  # SI units of what sums name
+        self._quantity: re.Match[str] | None = None  # the first number that has a unit
         self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
 
     def refuse(self, reason: str, place: int) -> NoReturn:
@@ -416,16 +430,19 @@ class _Reader:
         return {name: self._system.power_of(unit) if unit else None for name, unit in self._units.items()}
 
     def unit_of(self, *sums: Expression) -> str:
-        """Return the unit of sums that are added or compared; 1 where they do not fit, or it is not known."""
+        """Return the unit of sums that are added or compared; 1 where they do not fit, or it is not known. Where a
+        number has a unit, they are to fit."""
         names = {
             name: formulas.Measured(dimension_of(unit), unit) if unit else formulas.Measured()
             for name, unit in self._units.items()
         }
-        with suppress(formulas.DimensionError):
+        try:
             found = reduce(add, (formulas.evaluated(one.text, names, formulas.Dimensions()) for one in sums))
-            if found.dimension is not None:
-                return self._system.unit(found.unit or si_name(found.dimension))
-        return "1"
+        except formulas.DimensionError as error:
+            if self._quantity:
+                self.refuse(f"with the unit of this number it {error}", self._quantity.start())
+            return "1"
+        return "1" if found.dimension is None else self._system.unit(found.unit or si_name(found.dimension))
 
     def sums(self, begin: int = 0) -> tuple[list[list[re.Match[str]]], list[re.Match[str]]]:
         """Return the tokens of the sums from a character on, and the relations between them."""
@@ -444,7 +461,10 @@ class _Reader:
         if not tokens:
             self.refuse(f"a sum is missing there, of numbers, {WORDS}", end)
         parts: dict[str, Callable[[Outcome], Dual]] = {}
-        written = [self._written(token, parts) for token in tokens]
+        tokens, written = list(tokens), []
+        for place, token in enumerate(tokens):  # what a unit is made of leaves them
+            unit = self._take_unit(tokens, place + 1) if token["number"] else ""
+            written.append(self._measured(token, unit, parts) if unit else self._written(token, parts))
         try:
             text, _ = formulas.declared(" ".join(written), {name: name for name in parts}, WORDS)
         except formulas.FormulaError as error:
@@ -452,6 +472,36 @@ class _Reader:
             places = [*(token.start() for token in tokens), tokens[-1].end()]
             self.refuse(f"it {error}", places[bisect_right(begins, error.at) - 1])
         return Expression(text, parts, frozenset(token["output"] for token in tokens if token["output"]))
+
+    def _take_unit(self, tokens: list[re.Match[str]], begin: int) -> str:
+        """Take the longest unit away that begins with a token, and return it; empty where there is none."""
+        named = {*self._parameters, *self._outputs, *FIGURES, *formulas.FUNCTIONS}
+        end = begin
+        while end < len(tokens) and (tokens[end]["sign"] or tokens[end]["number"] or tokens[end]["name"]):
+            if tokens[end]["name"] in named or (end == begin and not tokens[end]["name"]):
+                break
+            end += 1
+        for last in range(end, begin, -1):
+            if tokens[last - 1]["sign"]:
+                continue
+            unit = self._text[tokens[begin].start() : tokens[last - 1].end()]
+            with suppress(UnknownUnit):
+                measure(unit)
+                del tokens[begin:last]
+                return unit
+        return ""
+
+    def _measured(self, token: re.Match[str], unit: str, parts: dict[str, Callable[[Outcome], Dual]]) -> str:
+        """Return a number with a unit in the language of formulas; add it to the parts."""
+        if is_hertz(unit):
+            self.refuse(IN_TURNS, token.end())
+        self._quantity = self._quantity or token
+        factor, dimension = measure(unit)
+        value = times(float(token["number"]), factor)
+        own = self._part(parts, "", lambda outcome: Dual(value, np.zeros(len(outcome.names))))
+        alike = (one for one, of in UNITS.items() if of == dimension and has_angles(one) == has_angles(unit))
+        self._units[own] = next(alike, si_name(dimension))
+        return own
 
     def _written(self, token: re.Match[str], parts: dict[str, Callable[[Outcome], Dual]]) -> str:
         """Return a token in the language of formulas; add what it names to the parts."""
@@ -478,7 +528,9 @@ class _Reader:
         if name not in self._parameters:
             hint = nearest_name(name, dict.fromkeys((*self._parameters, *FIGURES, *formulas.FUNCTIONS)))
             apart = "; for a difference leave spaces around -, which names may have in them" if "-" in name else ""
-            self.refuse(f"there is no parameter, figure or function '{name}'{apart}{hint}", token.start())
+            self.refuse(
+                f"there is no parameter, figure, function or unit of a number '{name}'{apart}{hint}", token.start()
+            )
         return self._part(
             parts, f"parameters.{name}",
             lambda outcome: Dual(outcome.values[name], np.array([float(name == one) for one in outcome.names])),

@@ -42,7 +42,7 @@ BAD = {
     ("optimize", "minimise r1", "--samples", "4"): "--samples 4: for figures over samples; give --robust K too",
     ("optimize", "minimise r1", "--seed", "3", "--samples", "5"): "--samples 5 and --seed 3: for figures over samples",
     ("optimize", "minimise r1", "--robust", "nan"): "'nan' is not a number in the range x>=0.0",
-    ("optimize", "minimise r3"): "goal: there is no parameter, figure or function 'r3'",
+    ("optimize", "minimise r3"): "goal: there is no parameter, figure, function or unit of a number 'r3'",
     ("optimize", "minimise r1", "--subject-to", "r1"): "--subject-to: <= or >= is needed",
 }
 

@@ -32,6 +32,8 @@ def outcome(r1: float = 2.0, c: float = 3.0) -> Outcome:
         ("2 * r1 ^ 2 - c-2 / 4", 8.0 - 0.75), ("-r1^-2 + 1e-1", -0.25 + 0.1), ("(r1 + c-2) * (r1 - 1.5)", 2.5),
         ("max + .5", 7.5), ("- - r1", 2.0), ("r1 ^ r1 + 2 ** 3", 12.0),
         ("sqrt(r1) * max(end(bend), min(c-2, 5))", 3.0 * np.sqrt(2.0)),
+        ("60 mm + 2 cm", 0.08), ("30 deg * 3", np.pi / 2.0), ("(3 N m) * r1 / 2", 3.0), ("3 kN m / 2", 1500.0),
+        ("5 mm^2 + 1 mm2", 6e-6), ("where(3 mm > 2 mm, 3 km/h, 1 m/s) * 1.2", 1.0), ("600 rpm / r1", 10.0 * np.pi),
         ("where(c-2 > r1, rms(angle), 1 / r1) + (r1 < 1)", 2.0 * np.sqrt(0.5 - np.sin(4.0) / 8.0)),
     ],
 )  # fmt: skip
@@ -89,6 +91,10 @@ def test_constraints_have_two_sides(relation: str, sense: float) -> None:
         ("minimise where(r1 > 2, 3)", "it gives where 2 arguments; it takes 3", 9),
         ("minimise 2*1e400", "1e400 is no finite number", 11),
         ("minimise r1 ^ -1e999", "1e999 is no finite number", 15), ("minimise r1 <= 2", "'<=' is too much", 12),
+        ("minimise 2 mmm", "no parameter, figure, function or unit of a number 'mmm'", 11),
+        ("minimise 5 Hz", "'Hz' counts turns, and an angular speed is needed", 10),
+        ("minimise 5 mm + 2 * 3 s", "with the unit of this number it adds or compares m and s", 9),
+        ("minimise 5 max", "it is no formula", 11), ("minimise 3 m *", "it is no formula", 9),
         ("minimise r1 ; 2", "';' has no place in a formula", 12),
         ("minimise r1 # 2", "'#' has no place in a formula", 12),
     ],
@@ -108,6 +114,15 @@ def test_units_follow_from_what_is_named_and_are_those_of_the_scene() -> None:
         for system, unit in ((SI, in_si), (MM, in_mm)):
             assert read_goal(f"minimise {text}", OUTPUTS, PARAMETERS, units, system).unit == unit
     assert read_constraint("end(bend) <= 5", OUTPUTS, PARAMETERS, units, MM).unit == "mm"
+    for text, unit in (("end(bend) <= 5 mm", "m"), ("max(angle) <= 30 deg", "rad"), ("c-2 <= 3 N/mm^2", "Pa")):
+        for system in (SI, MM):  # numbers with units of their own are the same in both
+            found = read_constraint(text, OUTPUTS, PARAMETERS, units, system)
+            expected = {"m": 5e-3, "rad": np.pi / 6.0, "Pa": 3e6}[unit]
+            assert found.unit == system.unit(unit) and found.right(outcome()).value == pytest.approx(
+                expected, rel=1e-15
+            )
+    with pytest.raises(InputError, match="with the unit of this number it adds or compares m and Pa\n.*\n {15}\\^"):
+        read_constraint("end(bend) <= 60 MPa", OUTPUTS, PARAMETERS, units)
     assert read_constraint("5 >= r1 * end(bend)", OUTPUTS, PARAMETERS, units).right.outputs == {"bend"}
 
 
