@@ -123,6 +123,7 @@ WRITTEN = {
 }
 
 NOT_ESTIMATED = "not estimated"
+OF_REDUCED = "the reduction and the time step, not of the mesh (pgmp run)"
 
 
 def closing(record: RunRecord, said: Sequence[Remark] = (), but: str = "") -> list[str]:
@@ -140,7 +141,7 @@ def of_run(run: Trajectory) -> list[str]:
 
 def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) -> list[str]:
     """Return a line an output; the run ends at `end`, s, and what is estimated perhaps before."""
-    what = "the time step" if errors.what == OF_STEP else "the reduction and the time step"
+    what = "the time step" if errors.what == OF_STEP else OF_REDUCED
     part = f"up to {errors.time[-1]:.4g} s only" if errors.end_before(end) else "over the run"
     lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
@@ -156,7 +157,7 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
     found = dict(_known(ensemble.errors))
     if found:
         n_checked = max(known.size for known in found.values())
-        what = "the reduction and the time step" if ensemble.model == "reduced" else "the time step"
+        what = OF_REDUCED if ensemble.model == "reduced" else "the time step"
         lines.append(f"  estimated errors over the run, of {what}; {counted(n_checked, 'sample')}: median, largest")
         for name, known in found.items():
             s = ensemble.statistics.get(name)
