@@ -46,7 +46,7 @@ STOP = Law(
 CARRIED_FRICTION = Law(
     "carried_friction",
     ("load", "coefficient", "radius", "speed"),
-    force="-coefficient * radius * (load + amplitude) * tanh(rate / speed)",
+    force="-coefficient * radius * load * tanh(rate / speed)",
     left_out=FRICTION.left_out,
     loaded=True,
 )

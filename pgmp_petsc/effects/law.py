@@ -109,17 +109,23 @@ class Law(Printed):
     edges: tuple[str, ...] = ()  # expressions of s and the parameters that are positive beyond an edge
     #: why a force of this law is not in the stiffness of vibrations; empty where it does not hang on the motion
     left_out: str = ""
-    #: whether its first parameter is the force that the effect's joint carries, found between corrections of a step
+    #: whether its first parameter is the force that the effect's joint carries, found between corrections of a step or,
+    #: where that is read back, its amplitude: printed as the sum of both
     loaded: bool = False
     place: str = field(init=False)  # file and line of the declaration
 
     def __post_init__(self) -> None:
         place = called_at()
         object.__setattr__(self, "place", place)
-        entry, of_s = f"law {self.name}", ("s", *self.parameters)
+        if self.loaded and not self.parameters:
+            raise InputError(
+                f"{place}: law {self.name}: it is loaded; its first parameter is the force that the joint carries"
+            )
+        entry, of_s = f"law {self.name}", ("s", *self.parameters[self.loaded :])
+        state = ("s", "rate") if self.loaded else STATE
         check_names(entry, (self.name,), (), place)
         check_names(entry, self.parameters, (*STATE, "elastic", "about", "depths", "found", "p"), place)
-        check(f"{entry}: force", self.force, (*STATE, "elastic", *self.parameters), place)
+        check(f"{entry}: force", self.force, (*state, "elastic", *self.parameters), place)
         check(f"{entry}: potential", self.potential, of_s, place)
         for number, edge in enumerate(self.edges):
             check(f"{entry}: edges[{number}]", edge, of_s, place)
@@ -130,8 +136,6 @@ class Law(Printed):
             raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
         if not self.left_out and {"s", "rate", "elastic"} & names:
             object.__setattr__(self, "left_out", "it is no linear spring")
-        if self.loaded and not self.parameters:
-            raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()
 
     @functools.cached_property
@@ -220,7 +224,8 @@ class Law(Printed):
         s, rate, amplitude, *p = names.values()
         potential = symbolic(self.potential, names)
         elastic = -sp.diff(potential, s)
-        force = symbolic(self.force, {**names, "elastic": elastic})
+        known = {**names, "elastic": elastic} | ({self.parameters[0]: p[0] + amplitude} if self.loaded else {})
+        force = symbolic(self.force, known)
         edges = [symbolic(edge, names) for edge in self.edges]
         found = [force, -_slope(force, s), -_slope(force, rate), elastic, potential]
         limits = _Limits.of(found, rate)

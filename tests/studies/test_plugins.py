@@ -868,6 +868,14 @@ BROKEN = {
         ("@", LAW.format("own", "-s").replace('("k",)', "(), loaded=True")),
         r"mine\.py:2: law own: it is loaded; its first parameter is the force that the joint carries$",
     ),
+    "a load that is known in an edge": (
+        ("@", LAW.format("own", "-k").replace('("k",)', '("k",), loaded=True, edges=("s - k",)')),
+        r"mine\.py:2: law own: edges\[0\]: .*'k'",
+    ),
+    "a load with an amplitude": (
+        ("@", LAW.format("own", "-k - amplitude").replace('("k",)', '("k",), loaded=True')),
+        r"mine\.py:2: law own: force: .*'amplitude'",
+    ),
     "a law of a taken name": (
         ("@", LAW.format("stop", "-k * s")),
         r"mine\.py:2: the name 'stop' is .*joint_effects\.py",
