@@ -36,7 +36,7 @@ NEEDS = {
     "joints": {"scene", "mechanism"},
     "effects": {"declare", "scene", "bodies", "mechanism"},
     "outputs": {"declare", "scene", "mesh", "bodies", "mechanism", "effects"},
-    "figures": {"mesh", "results"},
+    "figures": {"mesh", "results", "scene"},
     "report": {"declare", "results", "figures"},
     "texts": {"results", "reduction", "models", "studies"},  # the latter three for types
 }

@@ -338,7 +338,7 @@ def diff(
         entries = a.record.tables.get("outputs", {}) if a.kind == "trajectory" and len(places) > 1 else {}
         early = {name for name in entries.keys() & found if found[name].largest and not found[name].place}
         if early:
-            from pgmp_petsc.outputs.multipliers import after_start  # takes a noticeable time
+            from pgmp_petsc.scene.outputs import after_start  # takes a noticeable time
 
             for name in early.intersection(after_start(a.scene)):
                 later = (values[1:] for values in (of_a[name], of_b[name]))

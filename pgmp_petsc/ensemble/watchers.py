@@ -23,12 +23,12 @@ from pgmp_petsc.estimates.error_indicator import ErrorIndicator, MemberIndicator
 from pgmp_petsc.estimates.own_error import FEW_STEPS
 from pgmp_petsc.estimates.validity import Validity
 from pgmp_petsc.models import FullModel, Model, OutputRecord, Reduced, SeparateLengths
-from pgmp_petsc.outputs.multipliers import after_start
 from pgmp_petsc.outputs.rainflow import Counting
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.estimates import BALANCE, VALIDITY, moved_around
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene.numerics import Ensemble, Event, Simulation
+from pgmp_petsc.scene.outputs import after_start
 from pgmp_petsc.stepping.generalised_alpha import Run
 from pgmp_petsc.stepping.second_order_system import Energies, Observer, PooledObserver, SecondOrderSystem, State
 from pgmp_petsc.stepping.status import Status

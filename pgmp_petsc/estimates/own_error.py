@@ -21,10 +21,11 @@ from pgmp_petsc.estimates.coarser_run import MOST, CoarserRun, StepErrors, fewes
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.models import ComponentModel, FullModel, SeparateLengths
-from pgmp_petsc.outputs.multipliers import after_start, joints_of, judged
+from pgmp_petsc.outputs.multipliers import joints_of, judged
 from pgmp_petsc.results.estimates import ANSWERS, LARGE, EstimatedErrors
 from pgmp_petsc.results.numbers import Arrays, felt, misaligned, nothing, number_text, share_text, sizes_of, with_unit
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.outputs import after_start
 from pgmp_petsc.scene.units import values_text
 from pgmp_petsc.stepping.status import Status
 

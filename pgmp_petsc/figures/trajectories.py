@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ class Comparison:
         if self.full is None or self.reduced is None:
             return None
         covered = self.full.time <= self.reduced.time[-1] * (1 + 1e-12)
-        covered[:1] = output not in outputs_of(self.full, OF_JOINTS)
+        covered[:1] = output not in late_outputs(self.full.record.scene_toml)
         time, exact = self.full.time[covered], self.full.outputs[output][covered]
         largest = np.max(np.abs(exact), initial=0.0)
         of_part = {name: values[covered] for name, values in self.full.outputs.items()}
@@ -421,8 +422,18 @@ N_BINS = 24  # of ranges and of means
 OF_FORMULAS = 64.0 * np.finfo(float).eps  # of a coordinate: that of a formula, through the weights of differences
 TOGETHER = 1e-3  # of a body's motion: nodes nearer than that are one joint
 POLAR = {"projection": "polar"}
-#: outputs of multipliers, by type
-OF_JOINTS = ("joint_force", "joint_torque", "drive_torque", "power")
+
+
+@lru_cache(maxsize=8)
+def late_outputs(scene_toml: str) -> tuple[str, ...]:
+    """Return the outputs of a scene that are compared from the first step on; none where the text is no scene."""
+    from pgmp_petsc.scene import scene_from_toml  # takes a noticeable time, and few pictures need it
+    from pgmp_petsc.scene.outputs import after_start
+
+    try:
+        return after_start(scene_from_toml(scene_toml, Path()))
+    except InputError:
+        return ()
 
 
 def outputs_of(run: Trajectory, kinds: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:

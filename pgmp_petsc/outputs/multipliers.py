@@ -43,7 +43,7 @@ from pgmp_petsc.outputs.readings import AXES, Frames, Rate, Reading, Seen
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.joints import CouplingEntry
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import OutputEntry, reads
+from pgmp_petsc.scene.outputs import OutputEntry, after_start
 
 SIZES = ("magnitude", "radial")  # components that are the size of a vector
 UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
@@ -52,17 +52,6 @@ UNDETERMINED = 1e-8  # share of a combination of multipliers that is round-off
 def joints_of(scene: Scene) -> dict[str, str]:
     """Return the joint of every output of what acts in one, by the outputs' names."""
     return {name: output.joint for name, output in scene.outputs.items() if output.in_joint}
-
-
-def after_start(scene: Scene) -> tuple[str, ...]:
-    """Return the outputs that are judged from the first step on: what joints carry where bodies start undeformed.
-
-    Loads have not reached the joints at time 0: what these carry then hangs on the mesh and on modes alone; but what
-    springs of theirs carry is known from where they are.
-    """
-    if scene.initial.equilibrium or not any(body.flexible for body in scene.bodies.values()):
-        return ()
-    return tuple(name for name in scene.outputs if reads(scene, name, "multipliers", but_springs=True))
 
 
 def judged(scene: Scene, found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

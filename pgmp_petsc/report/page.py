@@ -22,9 +22,10 @@ import numpy as np
 from pgmp_petsc.base import __version__
 from pgmp_petsc.base.errors import InputError, counted, visible
 from pgmp_petsc.base.units import behind
+from pgmp_petsc.declare.ideas import OUTPUTS
 from pgmp_petsc.figures.ensembles import values_of
 from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of, tell_apart
-from pgmp_petsc.figures.trajectories import OF_JOINTS, Comparison, labels_of, outputs_of, paired
+from pgmp_petsc.figures.trajectories import Comparison, labels_of, outputs_of, paired
 from pgmp_petsc.files.claims import check_output, named, replacing
 from pgmp_petsc.files.hdf5 import KINDS, RunRecord
 from pgmp_petsc.report import charts
@@ -97,7 +98,7 @@ def section_of(sources: Sequence[Source]) -> SimpleNamespace:
             if source.result.sobol
         ],
         loads=next(filter(None, (charts.loads(source.result) for source in runs)), []),
-        sizing=[_sizing(source, ensembles) for source in runs[:1] if outputs_of(source.result, OF_JOINTS)],
+        sizing=[_sizing(source, ensembles) for source in runs[:1] if _carried(source.result)],
         budget=error_budget(sources, error),
         energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
@@ -330,6 +331,12 @@ def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
             yield charts.residual(run, run.balance)
 
 
+def _carried(run: Trajectory) -> dict[str, Mapping[str, Any]]:
+    """Return the entries of the outputs of what joints and drives carry, by name."""
+    kinds = {entry["type"] for entry in scene_of(run.record).get("outputs", {}).values()}
+    return outputs_of(run, tuple(kind for kind in kinds if "multipliers" in OUTPUTS.named(kind).reads))
+
+
 def _sizing(run: Source, ensembles: Sequence[Source]) -> Table:
     """Return what each joint and drive carries: the largest of the run and of the samples, and what decides it."""
     rows: list[list[Sentence]] = []
@@ -339,14 +346,14 @@ def _sizing(run: Source, ensembles: Sequence[Source]) -> Table:
         highest = sorted(next(iter(source.result.statistics.values())).probabilities)[-1:]
         exceeded = [f"exceeded in {100.0 * (1.0 - p):.3g} %" for p in highest] or ["no quantile"]
         head += ["largest in samples, mean", *exceeded, "probability", "which parameter decides it"]
-    for name, entry in outputs_of(run.result, OF_JOINTS).items():
+    for name, entry in _carried(run.result).items():
         values = run.result.outputs[name]
         most = int(np.argmax(np.abs(values)))
         factor, unit = axis_unit(run.result.units.get(name, "1"), values)
         largest = Datum(values[most], f"{factor * values[most]:.4g}", run.name, f"/outputs/{name}", str(most))
         row: list[Sentence] = [
             [name],
-            [entry.get("joint") or entry["coordinate"]],
+            [entry.get("joint") or entry.get("coordinate", "")],
             [largest, f" {unit} at {run.result.time[most]:.4g} s"],
         ]
         rows.append(row if source is None else [*row, *_over_samples(source, name, values[most] < 0.0)])

@@ -209,6 +209,17 @@ def reads(scene: AnyScene, name: str, what: str, but_springs: bool = False) -> b
     return own or any(reads(scene, one, what, but_springs) for one in entry.made_in(scene))
 
 
+def after_start(scene: AnyScene) -> tuple[str, ...]:
+    """Return the outputs that are judged from the first step on: what joints carry where bodies start undeformed.
+
+    Loads have not reached the joints at time 0: what these carry then hangs on the mesh and on modes alone; but what
+    springs of theirs carry is known from where they are.
+    """
+    if scene.initial.equilibrium or not any(body.flexible for body in scene.bodies.values()):
+        return ()
+    return tuple(name for name in scene.outputs if reads(scene, name, "multipliers", but_springs=True))
+
+
 def models_alone(scene: AnyScene, name: str) -> bool:
     """Whether an output, or one that it is made of, is of what models alone know: stresses, multipliers, histories."""
     entry = scene.outputs[name]

@@ -29,7 +29,9 @@ from pgmp_petsc.results import Balance, Derivatives, Ensemble, Tradeoff
 from pgmp_petsc.results.gradients import DEVIATION
 from pgmp_petsc.results.tradeoff import MeshErrors
 from pgmp_petsc.results.trajectory import RESTS
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.texts.studies import design_lines, lines_of
+from scenes import slider_crank
 
 # what numpy and matplotlib warn of is a picture that is not right
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
@@ -110,10 +112,15 @@ def test_the_error_is_in_per_cent_of_the_full_order_maximum():
     np.testing.assert_allclose(error, 1.0 / np.max(full.outputs["crank_angle"]), rtol=1e-9)
     assert len(time) == len(full.time)
     # a force in a joint is compared after the start, where it hangs on the mesh
-    text = full.record.scene_toml + '\n[outputs.crank_angle]\ntype = "joint_force"\njoint = "hinge"\n'
-    carried = replace(full, record=replace(full.record, scene_toml=text))
     shifted.outputs["crank_angle"][0] = 99.0
-    np.testing.assert_array_equal(Comparison(carried, shifted).error_percent("crank_angle")[1], error[1:])
+    force, formula = "outputs.load={type='joint_force', joint='elbow'}", "{type='formula', formula='2 * load'}"
+    for scene, first in (
+        (slider_crank("outputs.crank_angle={type='joint_force', joint='elbow'}"), 1),
+        (slider_crank(force, f"outputs.crank_angle={formula}"), 1),  # or what is made of it
+        (slider_crank("outputs.crank_angle={type='angle', joint='crank_hinge'}"), 0),
+    ):
+        carried = replace(full, record=replace(full.record, scene_toml=scene_to_toml(scene)))
+        assert len(Comparison(carried, shifted).error_percent("crank_angle")[1]) == len(error) - first
 
 
 def test_the_error_needs_two_runs_and_a_signal():
