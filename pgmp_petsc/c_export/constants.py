@@ -476,8 +476,10 @@ def left_out(scene: Scene) -> str:
     if not lacking:
         return ""
     kinds = zip(OUTPUTS.names, OUTPUTS.found())
-    having = ", ".join(kind for kind, found in kinds if found.of_frames() or "beside" in found.reads)
-    named = ", ".join(f"outputs.{name} ({kind})" for name, kind in lacking.items())
+    known = [kind for kind, found in kinds if found.of_frames() or "beside" in found.reads]
+    having = ", ".join(known)
+    made = {name: f"{kind}, made of what is" if kind in known else kind for name, kind in lacking.items()}
+    named = ", ".join(f"outputs.{name} ({words})" for name, words in made.items())
     forces = any("multipliers" in scene.outputs[name].reads for name in lacking)
     why = f", drives, forces in joints{f' {LACKING}' if forces else ''}, and rainflow of these"
     return f"note: {named} left out: a model in C has {having}{why}; pgmp simulate has all outputs"

@@ -65,7 +65,7 @@ from pgmp_petsc.results.gradients import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.results.numbers import plain, with_unit
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.fields import LARGEST
-from pgmp_petsc.scene.parameters import spanning_values, uncertain_names
+from pgmp_petsc.scene.parameters import OUTERMOST, spanning_values, uncertain_names
 from pgmp_petsc.scene.units import own_values, result_units, to_own, values_text
 from pgmp_petsc.scene.uses import length_names
 
@@ -530,7 +530,7 @@ class _Fitting:
     ) -> Iterator[Remark]:
         """Return which parameters end at their limits, or are not identifiable, alone or with those that they are tied
         to, or beyond what the basis spans; and which pairs are hardly told apart."""
-        scene = self._model.scene
+        scene, ranges = self._model.scene, self._served.served
         for name, value, error, (low, high), with_it in zip(self._names, estimate, errors, self._limits, tied):
             near, own = 1e-6 * (high - low), to_own(scene, name)
             if with_it.any() or error > high - low:
@@ -548,12 +548,14 @@ class _Fitting:
                     f"{name} ends at the {end} limit of its search, [{own * low:g}, {own * high:g}]; standard errors "
                     f"do not hold there: {widening} parameters.{name}.bounds if that makes sense"
                 )
-            elif scene.parameters[name].distribution is not None:
-                spanned, _ = spanning_values(scene, [name])
-                if not spanned[name].min() <= value <= spanned[name].max():
+            elif name in ranges and scene.parameters[name].distribution is not None:
+                spanned = spanning_values(scene, [name])[0][name]
+                low, high = spanned.min(), spanned.max()
+                if not low <= value <= high:
                     yield warning(
-                        f"{name} = {own * value:.5g} lies beyond three standard deviations of its distribution, which "
-                        "the reduced basis spans; build again with a nominal value near it, and fit again"
+                        f"{name} = {own * value:.5g} lies outside {ranges[name].between(low, high)}, which the reduced "
+                        f"basis spans: all but {200.0 * OUTERMOST:.2g} % of its distribution; build again with a nominal "
+                        "value near it, and fit again"
                     )
         for j, k in zip(*np.nonzero(np.tril(np.abs(correlation) > HARDLY_APART, -1))):
             yield warning(

@@ -122,7 +122,6 @@ WRITTEN = {
     "stiffness_lost": "lost {} by forces in the bodies",
 }
 
-NOT_ESTIMATED = "not estimated"
 OF_REDUCED = "the reduction and the time step, not of the mesh (pgmp run)"
 
 
@@ -145,9 +144,7 @@ def of_trajectory(errors: EstimatedErrors, units: dict[str, str], end: float) ->
     part = f"up to {errors.time[-1]:.4g} s only" if errors.end_before(end) else "over the run"
     lines = [f"  estimated errors {part}, of {what}"]
     for name in errors.outputs:
-        known = _error(errors.maximum(name), errors.share(name), units.get(name, "1"))
-        absent = f"{NOT_ESTIMATED:>16s}: {errors.absent.get(name)}"
-        lines.append(f"  {name:24s}{absent if name in errors.absent else known}")
+        lines.append(f"  {name:24s}{_error(errors.maximum(name), errors.share(name), units.get(name, '1'))}")
     return lines
 
 
@@ -199,7 +196,7 @@ def of_validity(validity: Mapping[str, float]) -> str:
 
 def _error(maximum: float, share: float, unit: str) -> str:
     if not np.isfinite(maximum):
-        return f"{NOT_ESTIMATED:>16s}"
+        return f"{'not estimated':>16s}"
     relative = f" ({share_text(share)} of its largest value)" if share <= 1.0 else ""
     factor, shown = axis_unit(unit, np.array([maximum / share if 0.0 < share <= 1.0 else maximum]))
     if share > 1.0:  # an output that is zero but for round-off, or one that is not computed at all

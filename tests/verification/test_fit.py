@@ -186,6 +186,19 @@ def test_a_limit_that_is_met_is_said(model, of_full) -> None:
     assert any("r1 ends at the upper limit of its search" in remark.text for remark in found.record.remarks)
 
 
+def test_what_the_basis_does_not_span_is_said_of_what_tables_depend_on(model, of_full) -> None:
+    """Of the damping, on which no table depends, nothing is said."""
+    narrow = (
+        'parameters.r1.distribution={name="norm",loc=5.6e-3,scale=0.1e-3}',
+        'parameters.c.distribution={name="norm",loc=0.02,scale=1e-3}',
+    )
+    other = ReducedModel(slider_crank(*MODES, *SCENE, *narrow), model.rom)
+    said = [remark.text for remark in fit(other, measured(of_full, 5), ["r1", "c"], {}, MPI.COMM_SELF).record.remarks]
+    told = [text for text in said if "the reduced basis spans" in text]
+    assert len(told) == 1 and told[0].startswith("r1 = 0.006") and "outside [0.0053, 0.0059]," in told[0]
+    assert "all but 0.27 % of its distribution" in told[0]
+
+
 def test_noise_that_is_exceeded_and_a_fit_that_does_not_converge_are_said(model, of_full, monkeypatch) -> None:
     import scipy.optimize
 
