@@ -140,20 +140,34 @@ class Action:
         return self.law.evaluate([parameter.at(anything) for parameter in self.parameters], 0.0).damping != 0.0
 
 
+#: what jumps, by the part of `Found`, and what follows
+JUMPS = {
+    "force": (
+        "force",
+        "errors then fall as the step, not as its square, and derivatives may have no value there; let what sets in grow "
+        "from zero, such as a damping with the depth",
+    ),
+    "stored": ("potential", "energies are then out of balance; let its parts meet there"),
+}
+
+
 def jump_of(action: Action, p: Sequence[float]) -> str:
-    """Return at which of its edges the force of a law, with parameters p, jumps, in words; "" where it does nowhere."""
+    """Return at which of its edges the force or the potential of a law, with parameters p, jumps, in words, and what
+    follows; "" where neither does anywhere."""
     law = action.law
     for number, edge in enumerate(law.edges):
         s = _place_of(law, number, p)
         for rate in TRIED if s is not None else ():
             near, far = (
-                [law.evaluate(p, s + side * way * max(1.0, abs(s)), rate, 1.0).force for side in (-1.0, 1.0)]
+                [law.evaluate(p, s + side * way * max(1.0, abs(s)), rate, 1.0) for side in (-1.0, 1.0)]
                 for way in BESIDE
             )
-            jump, further = abs(near[1] - near[0]), abs(far[1] - far[0])
-            if jump > 0.5 * further and jump > SMALL * max(map(abs, near)):
-                where = f"at the edge '{edge}' = 0 of its law {law.name} ({law.place}), s = {s:.6g}"
-                return f"{where}, its force jumps from {near[0]:.6g} to {near[1]:.6g} at a rate of {rate:g} (SI units)"
+            for part, (what, follows) in JUMPS.items():
+                (low, high), (before, behind) = ([getattr(one, part) for one in pair] for pair in (near, far))
+                if abs(high - low) > max(0.5 * abs(behind - before), SMALL * max(abs(low), abs(high))):
+                    where = f"at the edge '{edge}' = 0 of its law {law.name} ({law.place}), s = {s:.6g}"
+                    jump = f"its {what} jumps from {low:.6g} to {high:.6g} at a rate of {rate:g} (SI units)"
+                    return f"{where}, {jump}; {follows}"
     return ""
 
 

@@ -698,13 +698,19 @@ def test_what_fails_in_a_scene_is_refused_with_its_line(tmp_path: Path, name: st
     assert "mine.py" in str(caught.value)
 
 
-def test_a_law_that_jumps_at_an_edge_is_warned_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("force='-2 * rate if s > at else 0'", "force jumps from .*let what sets in grow from zero"),
+        ("force='elastic', potential='(1 if s > at else 0) + s**2'", "potential jumps from .*let its parts meet there"),
+    ],
+)
+def test_a_law_that_jumps_at_an_edge_is_warned_of(tmp_path: Path, what: str, said: str) -> None:
     own = "import ALONE\nfrom pgmp_petsc.effects.law import Law\nSPRING_DAMPER = Law('own', ('k', 'c', 'at'), "
-    sets_in = "force='-2 * rate if s > at else 0', edges=('s - at',))"
-    plugged(tmp_path, LISTING.replace("import SPRING_DAMPER", own + sets_in, 1))
+    plugged(tmp_path, LISTING.replace("import SPRING_DAMPER", f"{own}{what}, edges=('s - at',))", 1))
     scene = pgmp.load(ROOT / "scenes" / "slider_crank.toml", overrides=[f"effects.e={TABLE}"])
     (told,) = [str(remark) for remark in pgmp.check(scene).scene.remarks if "jumps" in str(remark)]
-    assert re.search(r"effects\.e: at the edge 's - at' = 0 .*mine\.py:\d+\), s = 0, its force jumps ", told)
+    assert re.search(rf"effects\.e: at the edge 's - at' = 0 .*mine\.py:\d+\), s = 0, its {said}", told)
 
 
 BLOW = """

@@ -531,18 +531,14 @@ def formula_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> 
 
 
 def edge_findings(scene: Scene, assembled: Callable[[], RigidKinematics]) -> Iterator[Finding]:
-    """Yield effects of plugins whose forces jump where steps end. Raises `InputError` as `effects_of`."""
+    """Yield effects of plugins whose forces or potentials jump where steps end. Raises `InputError` as `effects_of`."""
     own = {name for name, effect in scene.effects.items() if not type(effect).__module__.startswith(PACKAGE)}
     if not own:
         return
     for effect in (effect for effect in effects_of(scene, assembled().mechanism) if effect.name in own):
         for action in effect.actions():
             if jump := jump_of(action, [float(one.at(scene.values)) for one in action.parameters]):
-                yield doubt(
-                    f"effects.{effect.name}",
-                    f"{jump}; errors then fall as the step, not as its square, and derivatives may have no value "
-                    "there; let what sets in grow from zero, such as a damping with the depth",
-                )
+                yield doubt(f"effects.{effect.name}", jump)
 
 
 def _outputs_at_start(
