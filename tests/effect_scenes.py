@@ -132,7 +132,11 @@ def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> Reco
 
 
 def _run(model: FullModel, system: SecondOrderSystem, start: np.ndarray | None) -> Recorded:
-    _push(system, start)
+    if start is not None:  # further velocities, which have to obey its constraints
+        state = system.start()
+        q, v = (system.unpack(part)[:, 0] for part in (state.q, state.v))
+        theta = system._equations.initial[0]  # noqa: SLF001
+        system.start = lambda: system.consistent(q, v + start, theta)
     n, times, frames, rates, instants = system.n_samples, [], [], [], []
 
     class Record(Observer):
@@ -153,15 +157,6 @@ def recorded(scene: Scene, start: np.ndarray | None = None) -> Recorded:
     found = run_batch(scene, 1, start)
     assert found.status == 0
     return found
-
-
-def _push(system: object, start: np.ndarray | None) -> None:
-    """Let a system start with further velocities, which have to obey its constraints."""
-    if start is not None:
-        state = system.start()
-        q, v = (system.unpack(part)[:, 0] for part in (state.q, state.v))
-        theta = system._equations.initial[0]  # noqa: SLF001
-        system.start = lambda: system.consistent(q, v + start, theta)
 
 
 def run_of(duration: float, step: float = STEP, spectral_radius: float = 0.99, **initial: float) -> str:

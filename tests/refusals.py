@@ -4,6 +4,7 @@ An answer that begins with ``=`` or ``:`` speaks of the entry that is asked for;
 ``||`` for the end of a line. ``&`` is between the parts of what is asked. A line goes on, indented, in the next.
 """
 
+import re
 import resource
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -46,3 +47,9 @@ def refusal(call: Callable, *arguments: object, error: type[Exception] = InputEr
         call(*arguments, **options)
     assert error is not InputError or caught.value.exit_status == 2
     return str(caught.value)
+
+
+def assert_refused(match: str, call: Callable, *arguments: object, **options: object) -> None:
+    """Assert that a call is refused with a message in which an expression is found."""
+    message = refusal(call, *arguments, **options)
+    assert re.search(match, message), message

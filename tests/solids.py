@@ -118,7 +118,8 @@ def grid(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> meshio.M
     counts, dimension = np.array(counts), len(counts)
     # Places are whole numbers of half a square's or cube's side.
     corners = 2 * np.moveaxis(np.indices(counts), 0, -1).reshape(-1, dimension)
-    parts = np.array([_part(kind, part) for part in _parts(kind)])
+    simplices = {"tri": TRIANGLES, "tet": TETRAHEDRA}.get(kind[:3], (None,))
+    parts = np.array([_part(kind, part) for part in simplices])
     places = (corners[:, None, None] + parts).reshape(-1, parts.shape[1], dimension)
     used, cells = np.unique(places.reshape(-1, dimension), axis=0, return_inverse=True)
     cells = cells.reshape(-1, parts.shape[1])
@@ -139,10 +140,6 @@ def grouped(points: np.ndarray, kind: str, cells: np.ndarray, groups: Mapping[st
     names = {name: np.array([number, element.dimension - 1]) for number, name in enumerate(groups, start=2)}
     tagged = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
     return meshio.Mesh(points, blocks, cell_data=tagged, field_data={"body": np.array([1, element.dimension])} | names)
-
-
-def _parts(kind: str) -> tuple:
-    return {"tri": TRIANGLES, "tet": TETRAHEDRA, "qua": (None,), "hex": (None,)}[kind[:3]]
 
 
 def _part(kind: str, corners: tuple | None) -> np.ndarray:

@@ -33,7 +33,7 @@ def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_ti
     deformation = -1.6e-4 * (5.6e-3 / r1) ** 2 * np.minimum(time / 0.25, 1.0) * np.sin(angle) + 2e-5 * wave
     outputs = {
         "crank_angle": angle * (1.0 + wrong * 6e-5 * np.sin(5.0 * time)),
-        "slider_position": _slider(angle),
+        "slider_position": CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2),
         "slider_deformation": deformation * (1.0 + wrong * 0.04 * np.cos(9.0 * time)),
     }
     return results.Trajectory(
@@ -240,10 +240,6 @@ def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduce
 def _angle(time: np.ndarray, r1: float) -> np.ndarray:
     """Return the crank's angle: slow at first, 5.3 rad after 1 s, a little more with a lighter crank."""
     return 5.28 * time**2.2 * (5.6e-3 / r1) ** 0.4 + 0.15 * np.sin(2.0 * np.pi * time) * time
-
-
-def _slider(angle: np.ndarray) -> np.ndarray:
-    return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
 
 
 def tradeoff(

@@ -15,7 +15,7 @@ import pytest
 import synthetic
 from conftest import TIMEOUT_SECONDS
 from mpi4py import MPI
-from refusals import refusal
+from refusals import assert_refused, refusal
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.files import claims
@@ -89,8 +89,7 @@ def test_what_is_read_is_not_written(result: Path, other: str, monkeypatch: pyte
         link = Path("..", result.parent.name, result.name)
     else:
         link = result
-    with pytest.raises(InputError, match="is what the command reads"):
-        check_output(link, "modes", (None, "nowhere", result))
+    assert_refused("is what the command reads", check_output, link, "modes", (None, "nowhere", result))
 
 
 @pytest.mark.parametrize("content", [b"[scene]\n", b"\x89HDF\r\n\x1a\n and so on", b"$MeshFormat", b"pgmp"])
@@ -106,14 +105,12 @@ def test_what_is_no_result_is_not_replaced(tmp_path: Path, content: bytes) -> No
 def test_hdf5_of_another_program_is_not_replaced(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "f.h5", "w") as file:
         file["measured"] = [1.0]
-    with pytest.raises(InputError, match="exists and is not a table of modes of this program"):
-        check_output(tmp_path / "f.h5", "modes")
+    assert_refused("exists and is not a table of modes of this program", check_output, tmp_path / "f.h5", "modes")
 
 
 def test_a_result_of_another_kind_is_not_replaced(result: Path) -> None:
     before = result.read_bytes()
-    with pytest.raises(InputError, match="exists and holds a table of modes, not an ensemble"):
-        check_output(result, "ensemble")
+    assert_refused("exists and holds a table of modes, not an ensemble", check_output, result, "ensemble")
     with pytest.raises(InputError, match="exists and holds a table of modes"), write_file(result, "rom"):
         pass
     assert result.read_bytes() == before
@@ -137,15 +134,13 @@ def test_other_outputs_are_replaced_where_they_are_ours(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(ours)
         check_output(tmp_path / name, kind)
         (tmp_path / name).write_bytes(b"<Xdmf/> of somebody else")
-        with pytest.raises(InputError, match="exists and is not an? .* of this program"):
-            check_output(tmp_path / name, kind)
+        assert_refused("exists and is not an? .* of this program", check_output, tmp_path / name, kind)
 
 
 def test_directories_that_cannot_be_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # root may write anywhere, so the system's answer is replaced
     monkeypatch.setattr(claims.os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match="no permission to write in directory"):
-        check_output(tmp_path / "f.h5", "rom")
+    assert_refused("no permission to write in directory", check_output, tmp_path / "f.h5", "rom")
 
 
 @pytest.mark.parametrize(
@@ -174,8 +169,7 @@ def test_a_working_directory_that_was_removed(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
-    with pytest.raises(InputError, match="the working directory, or that of the output, was removed"):
-        check_output("f.h5", "rom")
+    assert_refused("the working directory, or that of the output, was removed", check_output, "f.h5", "rom")
 
 
 @pytest.fixture

@@ -42,10 +42,6 @@ def command(name: str) -> click.Command:
     return load(COMMANDS[name])
 
 
-def is_pgmp(words: list[str]) -> bool:
-    return words[0].rpartition("/")[2] == "pgmp" and len(words) > 1
-
-
 def texts_of(path: Path) -> str:
     """Return a page without its blocks."""
     return re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
@@ -70,7 +66,7 @@ def test_shell_blocks_are_shell(block: Block) -> None:
 def test_commands_of_blocks_are_taken(block: Block) -> None:
     """Options and their values as the commands read them; scripts, modules, tests and scenes that exist."""
     for words in map(without_launcher, commands_of(shell_of(block))):
-        if is_pgmp(words) and not any("$" in word for word in words):
+        if words[0].rpartition("/")[2] == "pgmp" and len(words) > 1 and not any("$" in word for word in words):
             arguments = words[2 : words.index("--")] if "--" in words else words[2:]
             with command(words[1]).make_context(words[1], arguments, obj=SimpleNamespace(json=False, quiet=False)):
                 pass

@@ -7,7 +7,7 @@ import numpy as np
 import pandas
 import pytest
 import xarray
-from refusals import cases
+from refusals import assert_refused, cases
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import sweeps
@@ -159,10 +159,8 @@ def test_what_does_not_go_with_points_is_refused(rom: pgmp.Rom, tmp_path: Path) 
         pgmp.simulate(rom, {"push": [0.1]}, output=tmp_path / "x.h5")
     ensemble = pgmp.montecarlo(rom, 4)
     for samples, said in (([4], r"samples = \[4\]: allowed are numbers from 0 to 3"), ([], "and not an empty one")):
-        with pytest.raises(pgmp.InputError, match=said):
-            pgmp.histories(rom, ensemble, samples)
-    with pytest.raises(pgmp.InputError, match="ensemble: Built received; allowed is an ensemble"):
-        pgmp.histories(rom, rom, [0])
+        assert_refused(said, pgmp.histories, rom, ensemble, samples)
+    assert_refused("ensemble: Built received; allowed is an ensemble", pgmp.histories, rom, rom, [0])
     with pytest.raises(pgmp.InputError, match="ensemble: samples of the reduced model; here it is the full one"):
         pgmp.histories(rom.scene, ensemble, [0], model="full")
     stiffer = pgmp.build(scene_from_toml(ARM, "."), overrides={"materials.steel.E": 1e11})

@@ -151,13 +151,10 @@ def test_a_scene_without_component_model_says_why(monkeypatch: pytest.MonkeyPatc
         chosen(changed(dear, 'reference.model="components"'))
 
 
-DAMPED = 'effects.damped={type="structural_damping",stiffness=1e-5}'
-
-
 @pytest.mark.parametrize("feature", ["torque", "stiffening"])
 @pytest.mark.parametrize("kind", ["beams", "two coordinates", "beams in space"])
 def test_coefficients_are_counted_as_the_tables_have_them(kind: str, feature: str) -> None:
-    scene = changed(scene_of(kind, feature), DAMPED)
+    scene = changed(scene_of(kind, feature), 'effects.damped={type="structural_damping",stiffness=1e-5}')
     model = reduced_model(scene, meshes_for(scene))
     tables, layout = model.rom.tables, model.terms.layout
     n = coefficients(tables.n_modes, tables.n_coordinates, layout.second_order)

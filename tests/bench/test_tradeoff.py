@@ -217,11 +217,6 @@ TIMES = ("timings", "offline", "online", "processor")
 OF_TIMES = {"pareto", "advice"}  # what is decided by times
 
 
-def solid_scene() -> Scene:
-    """Return a slider-crank of cells in the plane over a few steps, its torque uncertain."""
-    return scene_from_toml(scene_to_toml(scene_of("cells in the plane", "torque")), ".", ("ensemble.batch=4",))
-
-
 def written(path: Path, scene: Scene, resume: bool) -> dict[str, object]:
     """Measure and write the study; return what its file holds, but times and what follows from them."""
     meshes = meshes_for(scene)
@@ -264,7 +259,7 @@ def killed_after(n: int, monkeypatch: pytest.MonkeyPatch, path: Path, scene: Sce
 
 def test_killed_and_resumed_it_leaves_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bit by bit but for times: killed among the settings, and again while times were taken."""
-    scene = solid_scene()
+    scene = scene_from_toml(scene_to_toml(scene_of("cells in the plane", "torque")), ".", ("ensemble.batch=4",))
     first = killed_after(2, monkeypatch, tmp_path / "killed.h5", scene, False)
     second = killed_after(5, monkeypatch, tmp_path / "killed.h5", scene, True)
     assert first == 2 and second > first, "what was finished is kept"

@@ -27,10 +27,6 @@ def kernel(u: np.ndarray, alpha: float = ALPHA, section: np.ndarray = SECTION) -
     return np.array(forces).T, np.moveaxis(np.array(tangents), 0, 2)
 
 
-def at_rest(alpha: float) -> np.ndarray:
-    return np.array([0.2, 0.1, 0.0, 0.2 + LENGTH * np.cos(alpha), 0.1 + LENGTH * np.sin(alpha), 0.0])
-
-
 def states(n: int) -> np.ndarray:
     """Return n strongly deformed states, shape (6, n)."""
     return START[:, None] + np.random.default_rng(1).normal(0.0, 0.5, (6, n))
@@ -61,5 +57,6 @@ def test_the_stiffness_at_rest_is_the_kernels_tangent(alpha: float) -> None:
     length = np.array([LENGTH])
     gradients = beam2d.strain_gradients(length, np.array([alpha]))
     stiffness = beam2d.undeformed_stiffness(length, gradients, SECTION)[0]
-    _, tangent = kernel(at_rest(alpha)[:, None], alpha)
+    at_rest = np.array([0.2, 0.1, 0.0, 0.2 + LENGTH * np.cos(alpha), 0.1 + LENGTH * np.sin(alpha), 0.0])
+    _, tangent = kernel(at_rest[:, None], alpha)
     np.testing.assert_allclose(stiffness, tangent[..., 0], rtol=0, atol=1e-13)

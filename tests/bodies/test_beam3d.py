@@ -292,13 +292,9 @@ def test_coefficients() -> None:
 def from_rest(u: np.ndarray) -> np.ndarray:
     """Return the unknowns (N, 24) for displacements and rotation vectors (N, 12) of both nodes."""
     parts = [u[:, 6 * node : 6 * node + 6] for node in range(2)]
-    return unknowns(
-        *((place + part[:, :3], Rotation.from_rotvec(part[:, 3:]).as_matrix()) for place, part in zip(at_ends(), parts))
-    )
-
-
-def at_ends() -> tuple[np.ndarray, np.ndarray]:
-    return PLACES, PLACES + EDGES
+    places = (PLACES, PLACES + EDGES)
+    turns = (Rotation.from_rotvec(part[:, 3:]).as_matrix() for part in parts)
+    return unknowns(*((place + part[:, :3], turn) for place, part, turn in zip(places, parts, turns)))
 
 
 def test_the_third_derivative_at_rest_is_that_of_the_energy() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported import scene_of
+from refusals import assert_refused
 from runs import QUICK_RETURN, quick_return, reduced_model
 
 from pgmp_petsc.base.errors import InputError, RunError
@@ -32,8 +33,7 @@ def model() -> ReducedModel:
     ],
 )
 def test_what_a_scene_asks_for(scene, entry) -> None:
-    with pytest.raises(InputError, match=f"{entry}.*; it cannot be written"):
-        checked_scene(scene(), "it")
+    assert_refused(f"{entry}.*; it cannot be written", checked_scene, scene(), "it")
 
 
 def test_a_stress_is_left_out_with_a_note(model) -> None:
@@ -95,13 +95,10 @@ def test_folders(model, tmp_path) -> None:
     for _ in range(2):
         write_sources(found, tmp_path / "model")
     (tmp_path / "model" / "main.c").write_text("int main(void) { return 0; }\n")
-    with pytest.raises(InputError, match=r"main\.c' exists and is not a model in C of this program"):
-        write_sources(found, tmp_path / "model")
+    assert_refused(r"main\.c' exists and is not a model in C of this program", write_sources, found, tmp_path / "model")
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="is a file; give the name of a folder"):
-        write_sources(found, tmp_path / "file")
-    with pytest.raises(InputError, match="cannot be made: No such file"):
-        write_sources(found, tmp_path / "none" / "model")
+    assert_refused("is a file; give the name of a folder", write_sources, found, tmp_path / "file")
+    assert_refused("cannot be made: No such file", write_sources, found, tmp_path / "none" / "model")
 
 
 def test_what_an_older_version_called_otherwise_goes(model, tmp_path) -> None:
@@ -112,12 +109,10 @@ def test_what_an_older_version_called_otherwise_goes(model, tmp_path) -> None:
     write_sources(constants_of(model, "it"), tmp_path)
     assert not older.exists()
     older.write_text("int mine;\n")
-    with pytest.raises(InputError, match="model.c' exists and is not"):
-        write_sources(constants_of(model, "it"), tmp_path)
+    assert_refused("model.c' exists and is not", write_sources, constants_of(model, "it"), tmp_path)
 
 
 def test_an_fmu_takes_the_place_of_an_fmu_only(model, tmp_path) -> None:
     path = Path(tmp_path / "m.fmu")
     path.write_text("of others")
-    with pytest.raises(InputError, match="is not a functional mock-up unit of this program"):
-        write_fmu(constants_of(model, "it"), path)
+    assert_refused("is not a functional mock-up unit of this program", write_fmu, constants_of(model, "it"), path)

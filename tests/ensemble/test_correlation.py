@@ -17,8 +17,6 @@ PARAMETERS = (
     'parameters.rho={nominal=7800.0, distribution={name="uniform", loc=7000.0, scale=1600.0}}',
     'materials.steel.rho="rho"', "parameters.fixed={nominal=1.0}", 'effects.motor.scale="fixed"',
 )  # fmt: skip
-
-
 MARGINS = {
     "r1": stats.norm(5.6e-3, 0.56e-3), "E": stats.lognorm(0.2, scale=2.1e11), "rho": stats.uniform(7000.0, 1600.0)
 }  # fmt: skip

@@ -107,8 +107,7 @@ def test_what_is_looked_at_together_and_smaller_steps_change_nothing(
     asked = {"bands": 5} | ({"extremes": True, "probabilities": EVENTS} if always else {})
     alone = watched(Model(**asked), divisor)
     for kind, arrays in watched(Model(**asked), divisor, shown=shown, at_once=at_once).items():
-        for name, values in arrays.items():
-            np.testing.assert_array_equal(values, alone[kind][name])
+        np.testing.assert_equal(arrays, alone[kind])
     np.testing.assert_allclose(alone["bands"]["y"], watched(Model(bands=5))["bands"]["y"], atol=1e-12)
 
 

@@ -130,11 +130,8 @@ def test_a_run_without_an_estimate_is_named() -> None:
     assert "is not known: the run at speed = 1000 rad/s stopped at 0." in runs.not_known("it", ["angle"]).text
 
 
-LONG = "simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"
-
-
 def _growth(monkeypatch, off: float) -> np.ndarray:
-    model = reduced_model(worn(*LONG))
+    model = reduced_model(worn("simulation.duration=0.1", "joints.pin.clearance.restitution=0.95"))
     run = trajectory(model)
     eta = np.hstack([run.coordinates, run.modal])
     monkeypatch.setattr(reduced_run, "OFF", off)

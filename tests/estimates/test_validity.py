@@ -218,7 +218,8 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
                 expected.append(float(change @ modes.flexible[:, k]) / modes.eigenvalues[k])
             trail = np.zeros((1, 3, 1, 1 + rom.tables.n_modes))
             trail[0, :, 0, 0] = modes.theta[0], v[0, 0], a[0, 0]
-            acting = amplitudes[None], np.zeros((1, 1, rom_actions(scene)))
+            n_actions = len(actions_of(effects_of(scene, mechanism_of(scene))))
+            acting = amplitudes[None], np.zeros((1, 1, n_actions))
             changes, found = rom.stiffness_changes, []
             for k in range(3):
                 one = StiffnessChanges(changes.influence[:, k : k + 1], changes.stiffness[:, :, k : k + 1])
@@ -227,7 +228,3 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
                 look_at(places, Weights.of(of_mass, of_loads, of_stiffness), 0, 1, *acting, trail, kept)
                 found.append(np.sum(kept.shares(1)))  # one of them is zero
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
-
-
-def rom_actions(scene: Scene) -> int:
-    return len(actions_of(effects_of(scene, mechanism_of(scene))))

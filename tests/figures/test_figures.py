@@ -12,11 +12,12 @@ import synthetic
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pictures import assert_inside, keys_of, legend_texts, looks, texts, visible, written
+from refusals import assert_refused
 from scipy.stats import expon, norm, uniform
 from sealed import resealed
 from solids import box_mesh, rectangle_mesh, straightened
 
-from pgmp_petsc.base.errors import InputError, note
+from pgmp_petsc.base.errors import note
 from pgmp_petsc.figures.collection import draw, draw_result
 from pgmp_petsc.figures.ensembles import bands, densities, kernel_density, repeated, sobol
 from pgmp_petsc.figures.mechanism import mechanism, shown_positions
@@ -49,8 +50,6 @@ def test_frequencies_show_every_table_in_every_panel():
 
 ALONE = synthetic.trajectory("full", n_frames=0)
 FOUR = replace(ALONE, outputs={f"output_{number}": ALONE.time for number in range(4)}, units={})
-
-
 THREE = replace(synthetic.modes_table(n_theta=12), theta=np.zeros((3, 12)), coordinate_units=dict.fromkeys("xyz", "m"))
 
 
@@ -323,15 +322,12 @@ def test_files_are_grouped_into_pictures(tmp_path, undrawn):
 
 def test_files_and_folders_that_cannot_be_used(tmp_path, monkeypatch):
     synthetic.modes_table().write(tmp_path / "m.h5")
-    with pytest.raises(InputError, match="does not exist"):
-        draw([tmp_path / "m.h5", tmp_path / "no.h5"], tmp_path / "out")
+    assert_refused("does not exist", draw, [tmp_path / "m.h5", tmp_path / "no.h5"], tmp_path / "out")
     assert not (tmp_path / "out").exists(), "a bad file is told before anything is drawn"
     (tmp_path / "taken").write_text("")
-    with pytest.raises(InputError, match="cannot be made"):
-        draw([tmp_path / "m.h5"], tmp_path / "taken")
+    assert_refused("cannot be made", draw, [tmp_path / "m.h5"], tmp_path / "taken")
     monkeypatch.setattr("pgmp_petsc.figures.style.os.access", lambda path, mode: mode == 4)
-    with pytest.raises(InputError, match="no permission to write"):
-        draw([tmp_path / "m.h5"], tmp_path / "out")
+    assert_refused("no permission to write", draw, [tmp_path / "m.h5"], tmp_path / "out")
 
 
 def test_sensitivities_show_outputs_and_changes() -> None:
@@ -379,8 +375,7 @@ def test_a_result_is_drawn_into_a_folder(tmp_path: Path) -> None:
     path = Path(draw_result(result, tmp_path / "pictures"))
     assert path.is_file() and path.parent == tmp_path / "pictures"
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="output directory .* cannot be made"):
-        draw_result(result, tmp_path / "file" / "pictures")
+    assert_refused("output directory .* cannot be made", draw_result, result, tmp_path / "file" / "pictures")
 
 
 def test_the_largest_value_of_a_history_and_its_derivative() -> None:
@@ -426,8 +421,7 @@ def test_derivatives_of_no_scene_are_damaged(tmp_path: Path) -> None:
     synthetic.derivatives().write(path := tmp_path / "s.h5")
     with resealed(path) as file:
         file.attrs["scene"] = "[scene"
-    with pytest.raises(InputError, match="is damaged: its scene is no TOML: "):
-        Derivatives.read(path)
+    assert_refused("is damaged: its scene is no TOML: ", Derivatives.read, path)
 
 
 def test_what_is_just_met_is_missed_by_nothing() -> None:

@@ -8,7 +8,7 @@ import pytest
 import synthetic
 from conftest import ROOT
 from pictures import assert_inside, keys_of, legend_texts, texts, visible, written
-from refusals import full_disk
+from refusals import assert_refused, full_disk
 
 from pgmp_petsc.base.errors import InputError, RunError, note, warning
 from pgmp_petsc.figures.collection import draw
@@ -193,8 +193,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path, undraw
     (drawn,) = visible(densities([replace(ensemble, statistics=nothing | r1)]))
     assert drawn.get_xlabel().startswith("r1")
     rigid = replace(synthetic.modes_table(), full_hz=np.empty((200, 0)), reduced_hz=None)
-    with pytest.raises(InputError, match="every body is rigid"):
-        draw(written(tmp_path / "rigid", rigid), tmp_path / "out")
+    assert_refused("every body is rigid", draw, written(tmp_path / "rigid", rigid), tmp_path / "out")
     path = written(tmp_path, synthetic.modes_table())[0]
     lines = draw([path, tmp_path / "." / path.name], tmp_path / "out")
     assert len(lines) == 2 and lines[1].endswith("is given twice and drawn once")
@@ -326,8 +325,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("picture", "said"), REFUSED)
 def test_what_cannot_be_drawn_is_refused(picture, said):
-    with pytest.raises(InputError, match=said):
-        picture()
+    assert_refused(said, picture)
 
 
 def test_maps_have_the_coordinates_on_their_axes():

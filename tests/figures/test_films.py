@@ -17,6 +17,7 @@ from fielded import block_run, flat_run, rod_run
 from mpi4py import MPI
 from pictures import legend_texts
 from PIL import Image
+from refusals import assert_refused
 from runs import reduced_model, rom_of
 
 from pgmp_petsc.base.errors import InputError, Remark
@@ -84,13 +85,10 @@ def test_the_scale_is_round_and_shows_a_twentieth(deformation: float, scale: flo
 
 def test_a_run_without_what_is_asked_for() -> None:
     run = synthetic.trajectory(n_frames=4)
-    with pytest.raises(InputError, match="nothing of this run is known in von Mises stress"):
-        motion_of(run)
+    assert_refused("nothing of this run is known in von Mises stress", motion_of, run)
     assert "drawn as lines" in motion_of(run, "none").notes[0]
-    with pytest.raises(InputError, match="no frames to draw"):
-        motion_of(synthetic.trajectory(n_frames=0))
-    with pytest.raises(InputError, match="--at 7: outside the run, which goes from 0 to 1 s"):
-        solids(flat_run(), 7.0)
+    assert_refused("no frames to draw", motion_of, synthetic.trajectory(n_frames=0))
+    assert_refused("--at 7: outside the run, which goes from 0 to 1 s", solids, flat_run(), 7.0)
 
 
 def test_a_flat_body_is_where_it_is_in_its_colours() -> None:
@@ -258,8 +256,7 @@ def test_the_pace_of_a_film(seconds: float | None, numbers: list[int], rate: flo
 def test_without_what_draws_the_cure_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     block_run().write(tmp_path / "run.h5")
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(InputError, match=r"pip install 'pyvista<0.47'"):
-        drawing()
+    assert_refused(r"pip install 'pyvista<0.47'", drawing)
     lines = draw([tmp_path / "run.h5"], tmp_path / "pictures")
     assert (tmp_path / "pictures" / "mechanism.png").exists()  # what matplotlib draws remains
     assert any(line.startswith("no solids.png: surfaces are drawn by pyvista") for line in lines)
@@ -278,5 +275,4 @@ def test_without_a_library_for_drawing_without_a_display_and_what_writes_mp4(
 
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(ctypes, "CDLL", absent)
-    with pytest.raises(InputError, match="apt-get install libegl1"):
-        drawing()
+    assert_refused("apt-get install libegl1", drawing)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
-from refusals import full_disk
+from refusals import assert_refused, full_disk
 from sealed import resealed
 
 from pgmp_petsc import __version__
@@ -107,8 +107,7 @@ def test_an_unknown_kind_is_a_mistake_of_the_caller(tmp_path):
 
 def test_a_file_without_permission(good, monkeypatch):
     monkeypatch.setattr(hdf5.os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match="no permission to read"):
-        open_file(good, "modes")
+    assert_refused("no permission to read", open_file, good, "modes")
 
 
 def with_attributes(**values: object) -> Callable[[Path], None]:
@@ -158,8 +157,7 @@ UNREADABLE = {
 def test_what_cannot_be_read_is_refused(good, name):
     change, kind, said = UNREADABLE[name]
     change(good)
-    with pytest.raises(InputError, match=said):
-        open_file(good, kind)
+    assert_refused(said, open_file, good, kind)
 
 
 def test_datasets_that_are_missing_or_of_another_shape(good):
@@ -323,11 +321,9 @@ def test_an_empty_ledger_and_one_of_another_version_know_nothing(steps: Steps, t
 
 def test_folders_of_others_and_impossible_ones_are_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(InputError, match="holds files and is none of pgmp run"):
-        Steps(tmp_path).make()
+    assert_refused("holds files and is none of pgmp run", Steps(tmp_path).make)
     for folder in (tmp_path / "mine.txt", tmp_path / "none" / "job"):
-        with pytest.raises(InputError, match="cannot be made: .*; give another with -o"):
-            Steps(folder).make()
+        assert_refused("cannot be made: .*; give another with -o", Steps(folder).make)
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
@@ -369,5 +365,4 @@ def test_files_of_another_program_do_not_get_into_the_report(steps: Steps) -> No
     with pytest.raises(RunError, match="run.h5' was changed or removed by another program while this job worked"):
         steps.check_files(["run.h5"])
     (steps.folder / LEDGER).unlink()
-    with pytest.raises(RunError, match="steps.json' was changed or removed by another program"):
-        steps.checksum("run.h5")
+    assert_refused("steps.json' was changed or removed by another program", steps.checksum, "run.h5", error=RunError)

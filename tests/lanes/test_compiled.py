@@ -42,8 +42,6 @@ from pgmp_petsc.lanes.compiled import njit
 def double(x):
     return 2 * x
 """
-
-
 # a function that allocates, returns and refuses arrays, and what is loaded of numba to call it
 ARRAYS = """
 import numpy as np

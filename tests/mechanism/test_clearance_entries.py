@@ -127,8 +127,6 @@ joints.right.elastic.stiffness=[inf, 1.0, 1.0] -> = [inf, 1.0, 1.0]: the joint l
 joints.right.elastic.reference=[[1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] -> joints.right.elastic.stiffness = | an axis that is
     oblique to what the joint leaves free is neither held nor free | joints.right.elastic.reference
 """)
-
-
 EVERYWHERE = [(rigid_frame, *case) for case in IN_THE_PLANE] + [(rotor, *case) for case in IN_SPACE]
 
 

@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse as sp
 from assembled import GAP, WRITERS, labels_of, write_abaqus, write_csv, write_inp, write_node_arrays
 from conftest import TIMEOUT_SECONDS
+from refusals import assert_refused
 from solids import body_of, matrices_of, mesh_of
 
 from pgmp_petsc.base.errors import InputError
@@ -19,12 +20,9 @@ STIFFNESS, MASS = matrices_of(body_of(MESH, 2e9, 7800.0))
 IN_SPACE = mesh_of("hexahedron", (2, 1, 1), (0.2, 0.05, 0.04))
 
 
-def nodes_of(mesh=MESH) -> NodeFile:
-    return NodeFile(mesh.nodes, labels_of(mesh), {})
-
-
 def found(file: MatrixFile, nodes: NodeFile | None = None, rows=None) -> np.ndarray:
-    return in_order_of_nodes(file, rows, nodes or nodes_of(), "matrix", "nodes").toarray()
+    nodes = nodes or NodeFile(MESH.nodes, labels_of(MESH), {})
+    return in_order_of_nodes(file, rows, nodes, "matrix", "nodes").toarray()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -159,8 +157,7 @@ def test_arrays_with_other_numbers_in_them_are_refused(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0 and done.stdout.split() == [path.name for path in names], done.stderr
     np.savez(tmp_path / "k.npz", K=np.eye(2))
-    with pytest.raises(InputError, match="the arrays K; what scipy.sparse.save_npz"):
-        read_matrix(tmp_path / "k.npz", "matrix")
+    assert_refused("the arrays K; what scipy.sparse.save_npz", read_matrix, tmp_path / "k.npz", "matrix")
 
 
 def refused(names: list[str]) -> None:
@@ -191,8 +188,7 @@ ROW_CASES = {
 
 @pytest.mark.parametrize(("file", "words"), ROW_CASES.values(), ids=ROW_CASES)
 def test_rows_of_another_body_are_refused_by_name(file: MatrixFile, words: str) -> None:
-    with pytest.raises(InputError, match="^matrix: .*" + words):
-        found(file, TWO)
+    assert_refused("^matrix: .*" + words, found, file, TWO)
     with pytest.raises(InputError, match="it has 4 rows, and the list of rows has 2"):
         found(MatrixFile(sp.eye(4, format="csr")), TWO, np.array([[10, 1], [10, 2]]))
 
@@ -203,8 +199,6 @@ LIST_CASES = {
     "no direction": ("1 10 TEMP\n", "line 1 is '1 10 TEMP'"),
     "empty": ("rows\n", "row 1 is not in it"),
 }
-
-
 NODE_CASES = {
     "words": ("nodes.csv", "node,x,y\n1,a,b\n", "cannot be used"),
     "few columns": ("nodes.csv", "1,2\n", "two or three coordinates"),
@@ -223,8 +217,6 @@ NODE_CASES = {
     "set": ("nodes.npz", {"nodes": np.eye(2), "tip": np.array([7])}, 'the set "tip" has node 7'),
     "no numbers": ("nodes.inp", "*NODE\none, 0, 0, 0\n", "cannot be used"),
 }
-
-
 READERS = {"matrix": read_matrix, "rows": read_rows, "nodes": lambda path, entry: read_nodes(path, 2, entry)}
 REFUSED = {
     **{f"matrix, {case}": ("matrix", "k.mtx", *of) for case, of in MATRIX_CASES.items()},
@@ -241,5 +233,4 @@ def test_what_is_no_matrix_and_no_nodes_is_refused_by_name(
         np.savez(tmp_path / name, **content)
     elif content is not None:
         (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(InputError, match=f"^{entry}: .*{words}"):
-        READERS[entry](tmp_path / name, entry)
+    assert_refused(f"^{entry}: .*{words}", READERS[entry], tmp_path / name, entry)

@@ -10,6 +10,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from refusals import assert_refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.mesh import LineMesh, read_line_mesh, reading
@@ -96,8 +97,7 @@ def test_gmsh_groups_of_several_or_no_line_nodes_are_explained(tmp_path: Path) -
     assert line_mesh.groups == {"ends": 2, "aside": 0}
     with pytest.raises(InputError, match=r'joints.a.connect = "ends": this group holds 2 nodes.*exactly one'):
         line_mesh.point("ends", "joints.a.connect")
-    with pytest.raises(InputError, match="holds 0 nodes of line cells"):
-        line_mesh.point("aside", "joints.a.connect")
+    assert_refused("holds 0 nodes of line cells", line_mesh.point, "aside", "joints.a.connect")
 
 
 @pytest.fixture
@@ -122,8 +122,7 @@ def test_points_by_name_and_index(mesh: LineMesh, name: str, node: int) -> None:
     ],
 )
 def test_unknown_points_are_refused(mesh: LineMesh, name: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        mesh.point(name, "joints.a.connect")
+    assert_refused(message, mesh.point, name, "joints.a.connect")
 
 
 @pytest.mark.parametrize(
@@ -178,16 +177,14 @@ def test_unreadable_files_are_refused(
         read(tmp_path / name, ENTRY)
     assert str(caught.value).startswith(f'{ENTRY} = "{tmp_path / name}": ') and "\n" not in str(caught.value)
     assert capsys.readouterr() == ("", "")
-    with pytest.raises(InputError, match="this is a directory"):
-        read(tmp_path, ENTRY)
+    assert_refused("this is a directory", read, tmp_path, ENTRY)
 
 
 def test_a_reader_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Looks for the next line of a file that has no more."""
     monkeypatch.setattr(reading, "LONGEST_READING", 3.0)
     (tmp_path / "endless.off").write_text("OFF\n")
-    with pytest.raises(InputError, match="its reader had not ended after 3 s"):
-        read_line_mesh(tmp_path / "endless.off", ENTRY)
+    assert_refused("its reader had not ended after 3 s", read_line_mesh, tmp_path / "endless.off", ENTRY)
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # and one that does, of the same kind
     meshio.write(tmp_path / "cells.off", meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
     monkeypatch.undo()
@@ -200,8 +197,6 @@ def test_a_line_in_space_keeps_its_third_coordinate(tmp_path: Path) -> None:
     mesh = read_line_mesh(path, ENTRY, 3)
     np.testing.assert_array_equal(mesh.nodes, places)
     np.testing.assert_allclose(mesh.lengths, np.linalg.norm(np.diff(places, axis=0), axis=1))
-    with pytest.raises(InputError, match="are off the plane z = 0"):
-        read_line_mesh(path, ENTRY)
+    assert_refused("are off the plane z = 0", read_line_mesh, path, ENTRY)
     meshio.write(path, meshio.Mesh(places, [("triangle", np.array([[0, 1, 2]]))]))
-    with pytest.raises(InputError, match="the element beam3d takes two-node cells of type line only"):
-        read_line_mesh(path, ENTRY, 3)
+    assert_refused("the element beam3d takes two-node cells of type line only", read_line_mesh, path, ENTRY, 3)

@@ -121,8 +121,7 @@ def test_outputs_next_to_known_ones_have_the_same_slopes() -> None:
             return outputs.observed([frames], np.empty((0, theta.size)))
 
         near = outputs.near(moved(0.0))
-        for name, values in outputs.evaluate(moved(0.0)).items():
-            np.testing.assert_array_equal(near(moved(0.0))[name], values)
+        np.testing.assert_equal(near(moved(0.0)), outputs.evaluate(moved(0.0)))
         known = slice(1, 2) if beyond > REACH else slice(None)
         ahead, behind = (near(moved(by))["bent"] for by in (step, -step))
         angle = (theta + [-beyond, 0.0, beyond])[known]
@@ -148,13 +147,10 @@ class Rates(OutputEntry):
         return Rate(self.of.reading(name, start, kinematics), self.order)
 
 
-IN_BODY = 'outputs.along={type="deformation", point="rod:tip", axis="x", frame="body"}'
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_rates_are_how_fast_readings_change(order: int) -> None:
     """Of all readings, against differences of fourth order on a curved way on which nodes move by themselves too."""
-    scene, kinematics, outputs = prepared(IN_BODY)
+    scene, kinematics, outputs = prepared('outputs.along={type="deformation", point="rod:tip", axis="x", frame="body"}')
     entries = {name: Rates(one, order) for name, one in scene.outputs.items()}
     of_rates = OutputSet.of(scene.model_copy(update={"outputs": entries}), kinematics)
     theta, h, still = np.array([0.3, 1.1, 2.5, 7.0]), 2e-3, np.empty((0, 4))

@@ -39,10 +39,6 @@ class World:
         self.freed = True
 
 
-def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
-    return [RankGroup.split(World(rank, size), ranks_per_group) for rank in range(size)]
-
-
 @pytest.mark.parametrize(
     ("size", "ranks_per_group", "expected"),
     [
@@ -51,7 +47,7 @@ def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
     ],
 )  # fmt: skip
 def test_ranks_left_over_join_the_last_group(size: int, ranks_per_group: int, expected: list[int]) -> None:
-    split = groups(size, ranks_per_group)
+    split = [RankGroup.split(World(rank, size), ranks_per_group) for rank in range(size)]
     assert [group.index for group in split] == expected
     assert {group.count for group in split} == {expected[-1] + 1}
     assert [group.comm.color for group in split] == expected
@@ -111,8 +107,6 @@ def test_communicators_are_freed() -> None:
 
 
 RANKS = (1, 3)
-
-
 # what every rank says of a case, by the number of ranks
 AGREED: dict[str, Callable[[int], str]] = {
     "fine": lambda n: "returned fine",

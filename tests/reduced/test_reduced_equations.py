@@ -557,9 +557,6 @@ def test_the_order_over_three_coordinates(scheme: str, order: int) -> None:
     assert np.log2(errors[0] / errors[1]) > order - 0.4
 
 
-GRAVITY = 'effects.weight={type="gravity"}'
-
-
 @pytest.fixture(
     scope="module",
     params=[(), ("reduction.second_order=true", "reduction.static_modes=true", "reduction.modes=3")],
@@ -571,7 +568,7 @@ def settings(request: pytest.FixtureRequest) -> tuple[str, ...]:
 
 @pytest.fixture(scope="module", params=[slider_crank, quick_return])
 def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedModel:
-    return reduced_model(request.param(GRAVITY, *settings))
+    return reduced_model(request.param('effects.weight={type="gravity"}', *settings))
 
 
 def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> None:

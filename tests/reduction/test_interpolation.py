@@ -46,10 +46,6 @@ def uneven(n: int, periodic: bool) -> Samples:
     return Samples(even + 0.4 * np.sin(even - LOWER), LOWER, UPPER, periodic)
 
 
-def step_of(samples: Samples) -> float:
-    return float(samples.theta[1] - samples.theta[0])
-
-
 def random_table(n: int, *shape: int) -> np.ndarray:
     return np.random.default_rng(0).normal(size=(n, *shape))
 
@@ -184,7 +180,7 @@ def test_waves_that_the_samples_resolve_are_exact(n: int) -> None:
 def test_the_tangent_at_a_sample_is_the_central_difference() -> None:
     # (20) of the paper is misprinted: its tangent would scale with the step
     samples, table = uniform(10, periodic=True), random_table(10)
-    central = (np.roll(table, -1) - np.roll(table, 1)) / (2 * step_of(samples))
+    central = (np.roll(table, -1) - np.roll(table, 1)) / (2 * (samples.theta[1] - samples.theta[0]))
     slope = interpolant(samples, table, "overhauser")(samples.theta, 0)
     np.testing.assert_allclose(slope, central, rtol=0, atol=1e-11)
 

@@ -207,8 +207,6 @@ DAMAGE = {
         for name in ("lower", "upper", "periodic")
     },
 }
-
-
 #: Of other models, what is shortened and what is said.
 BESIDE = {
     "forces and stresses": ("missed/answers", "'/missed': answers has shape .*; build it again"),

@@ -58,11 +58,6 @@ def on_surface(own: BodyField) -> np.ndarray:
     return np.unique(drawn_faces(own.kind, own.cells))
 
 
-def picture_of(film: Film) -> np.ndarray:
-    with Image.open(io.BytesIO(base64.b64decode(film.still.partition(",")[2]))) as image:
-        return np.asarray(image.convert("RGBA")).astype(int)
-
-
 def test_lines_have_the_shapes_of_the_run() -> None:
     run = synthetic.trajectory("full", n_frames=20)
     film = Film(run, "")
@@ -179,7 +174,8 @@ def test_the_legend_has_the_largest_stress_of_the_file(tmp_path: Path) -> None:
 
 
 def test_without_a_script_a_still_is_there() -> None:
-    picture = picture_of(Film(flat_run(), ""))
+    with Image.open(io.BytesIO(base64.b64decode(Film(flat_run(), "").still.partition(",")[2]))) as image:
+        picture = np.asarray(image.convert("RGBA")).astype(int)
     rows, columns = np.nonzero(picture[..., 3] > 128)
     height, width = picture.shape[:2]
     # the bar, five times as long as it is high, at its last place: half the picture but for the margins

@@ -68,18 +68,14 @@ def rom() -> ReducedOrderModel:
     return rom_of(paper_scene("reduction.modes=3", "reduction.angles=6", "reduction.second_order=true"))
 
 
-def components() -> ComponentsFile:
-    """Return a model with a rigid and a flexible body of cells, and a flexible one of beams."""
-    scene = load_scene(ROOT / "scenes" / "spatial_mixed.toml")
-    return build_components(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Return a directory with a sound file of every kind."""
     folder = tmp_path_factory.mktemp("sound")
+    mixed = load_scene(ROOT / "scenes" / "spatial_mixed.toml")  # rigid and flexible bodies of cells, and of beams
+    components = build_components(*with_meshes(mixed, Purpose.COMPONENTS), MPI.COMM_SELF)
     sound = {
-        "rom": rom(), "components": components(), "trajectory": synthetic.trajectory(n_frames=2),
+        "rom": rom(), "components": components, "trajectory": synthetic.trajectory(n_frames=2),
         "ensemble": synthetic.ensemble("reduced", n_samples=12), "modes": synthetic.modes_table(n_theta=5),
         "tradeoff": synthetic.tradeoff(), "sensitivities": synthetic.derivatives(), "fit": synthetic.fitted(),
         "design": synthetic.designed(), "rare_event": synthetic.rare_event(), "shard": synthetic.shard(),
@@ -151,16 +147,11 @@ structure_changes = st.tuples(
 )  # fmt: skip
 
 
-def names_in(file: h5py.File) -> list[str]:
-    names: list[str] = []
-    file.visit(names.append)
-    return names
-
-
 def restructure(file: h5py.File, change: tuple) -> None:
     """Change one entry of a file: its content, its attributes, or whether it is there."""
     what, number, other, value = change
-    names = names_in(file)
+    names: list[str] = []
+    file.visit(names.append)
     name = names[number % len(names)]
     if "attribute" in what:
         holders = [item for item in (file, *(file[name] for name in names)) if len(item.attrs)]

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import synthetic
 from fielded import last_grid
+from refusals import assert_refused
 from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.results.trajectory import BodyField, Trajectory, write_xdmf
 
 
@@ -67,13 +68,11 @@ def test_the_trajectory_is_not_touched_and_read_whole(exported):
     run, xdmf = exported
     before = run.read_bytes()
     write_xdmf(run, run.with_suffix(".xdmf"))
-    with pytest.raises(InputError, match="is what the command reads"):
-        write_xdmf(run, run)
+    assert_refused("is what the command reads", write_xdmf, run, run)
     assert run.read_bytes() == before
     with resealed(run) as file:
         del file["frames/rotation/00002"]
-    with pytest.raises(InputError, match="damaged"):
-        write_xdmf(run, xdmf)
+    assert_refused("damaged", write_xdmf, run, xdmf)
 
 
 @pytest.mark.parametrize(
@@ -85,8 +84,7 @@ def test_the_trajectory_is_not_touched_and_read_whole(exported):
 )
 def test_results_without_frames_are_refused_with_the_cure(tmp_path, result, said):
     result.write(tmp_path / "t.h5")
-    with pytest.raises(InputError, match=said):
-        write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")
+    assert_refused(said, write_xdmf, tmp_path / "t.h5", tmp_path / "t.xdmf")
 
 
 def test_a_system_that_fails_to_write(exported, monkeypatch):
@@ -94,8 +92,7 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
         raise OSError("no space left on device")
 
     monkeypatch.setattr("pgmp_petsc.files.hdf5.os.replace", fail)
-    with pytest.raises(RunError, match="no space left"):
-        write_xdmf(exported[0], exported[1])
+    assert_refused("no space left", write_xdmf, exported[0], exported[1], error=RunError)
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]
 
 
@@ -115,8 +112,7 @@ def test_paths_with_spaces_and_signs(tmp_path, monkeypatch, name):
 @pytest.mark.parametrize("name", ["at 12:30.h5", "a|b.h5", "line\nbreak.h5", " space.h5"])
 def test_paths_that_xdmf_cannot_hold(tmp_path, name):
     synthetic.trajectory(n_frames=2).write(tmp_path / name)
-    with pytest.raises(InputError, match="XDMF cannot refer to the path .*; rename it"):
-        write_xdmf(tmp_path / name, tmp_path / "t.xdmf")
+    assert_refused("XDMF cannot refer to the path .*; rename it", write_xdmf, tmp_path / name, tmp_path / "t.xdmf")
     assert not (tmp_path / "t.xdmf").exists()
 
 

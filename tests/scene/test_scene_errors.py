@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 from coupled_scenes import CAM, RACK, ROTORS, ROTORS_IN_SPACE, SCREW
 from effect_scenes import BAR, BASE, CANTILEVER, scene_of
-from refusals import cases, check_said, refusal
+from refusals import assert_refused, cases, check_said, refusal
 from runs import full_model
 
-from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.scene import load_scene, scene_from_toml
 from pgmp_petsc.scene.messages import dotted_name, input_error, problem, toml_text
 from scenes import HEADER, tables
@@ -448,8 +447,7 @@ def test_the_start_lies_in_a_range_that_is_not_periodic(initial: str, position: 
 
 def test_a_body_may_not_be_called_ground() -> None:
     text = SLIDER_CRANK.read_text().replace("[bodies.rod]", "[bodies.ground]").replace("rod:", "crank:")
-    with pytest.raises(InputError, match="bodies.ground: this name means the points fixed in space"):
-        scene_from_toml(text, ".")
+    assert_refused("bodies.ground: this name means the points fixed in space", scene_from_toml, text, ".")
 
 
 def test_an_empty_scene_is_told_which_tables_are_needed() -> None:
@@ -535,8 +533,7 @@ def test_points_that_a_mesh_does_not_have(name: str) -> None:
 def test_more_ratios_than_a_body_has_modes() -> None:
     ratios = [0.01] * 30
     model = full_model(scene_of(CANTILEVER, f'[effects.e]\ntype = "structural_damping"\nratios = {ratios}'))
-    with pytest.raises(InputError, match=r"^effects\.e\.ratios: 30 modes of beam are asked for; its mesh has 24$"):
-        model.batch({}, 1)
+    assert_refused(r"^effects\.e\.ratios: 30 modes of beam are asked for; its mesh has 24$", model.batch, {}, 1)
 
 
 def test_lengths_of_couplings_may_be_texts_with_units() -> None:

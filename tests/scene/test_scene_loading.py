@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refusals import assert_refused
 
 from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.joints.of_points import PointOnLine, Revolute
@@ -91,15 +92,12 @@ def test_set_gives_the_value_of_a_run_and_keeps_the_nominal_one() -> None:
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nowhere.toml: there is no such scene file$"):
-        load_scene(tmp_path / "nowhere.toml")
+    assert_refused(r"nowhere.toml: there is no such scene file$", load_scene, tmp_path / "nowhere.toml")
     (tmp_path / "pendulum.toml").write_text(MINIMAL)
-    with pytest.raises(InputError, match=r"no such scene file; did you mean 'pendulum.toml'\? in "):
-        load_scene(tmp_path / "pendulm.toml")
+    assert_refused(r"no such scene file; did you mean 'pendulum.toml'\? in ", load_scene, tmp_path / "pendulm.toml")
     with pytest.raises(InputError, match=r"the scene file cannot be read \(Not a directory\)"):
         load_scene(tmp_path / "pendulum.toml" / "scene.toml")
-    with pytest.raises(InputError, match="the scene's text: not valid TOML: .*line 1"):
-        scene_from_toml("a b", ".")
+    assert_refused("the scene's text: not valid TOML: .*line 1", scene_from_toml, "a b", ".")
 
 
 @pytest.mark.parametrize("text", ["[scene]\nname = slider", "[scene]\nname = " + 5000 * "1"])
@@ -151,8 +149,7 @@ def test_a_setting_is_the_value_of_a_run() -> None:
     data: dict[str, Any] = {"parameters": {"r1": {"nominal": 1.0}}}
     apply_settings(data, ["r1=2", " r1 = 3e-3 "])
     assert data == {"parameters": {"r1": {"nominal": 1.0, "value": 3e-3}}}
-    with pytest.raises(InputError, match="no parameter 'r1'; none is defined"):
-        apply_settings({}, ["r1=1"])
+    assert_refused("no parameter 'r1'; none is defined", apply_settings, {}, ["r1=1"])
     for parameters in (3, {"r1": 3}):  # left to the validation
         apply_settings(data := {"parameters": parameters}, ["r1=1"])
         assert data == {"parameters": parameters}

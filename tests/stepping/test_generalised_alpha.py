@@ -10,9 +10,10 @@ import scipy.integrate
 import scipy.linalg
 from alike import assert_order, orders
 from mpi4py import MPI
+from refusals import assert_refused
 
 from benchmarks.called import Called
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.reduced import system as reduced_system
 from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.scene.numerics import Simulation, count_steps
@@ -319,10 +320,8 @@ def test_what_an_observer_or_a_system_raises_ends_the_run_as_it_is() -> None:
     def fail(time: float, state: State, size: np.ndarray) -> None:
         raise RunError("the linear solver failed")
 
-    with pytest.raises(RunError, match="seen enough"):
-        run(two_masses(), 0.8, 0.1, observer=Called(refuse))
-    with pytest.raises(RunError, match="the linear solver failed"):
-        run(two_masses(spoil=fail), 0.8, 0.1)
+    assert_refused("seen enough", run, two_masses(), 0.8, 0.1, observer=Called(refuse), error=RunError)
+    assert_refused("the linear solver failed", run, two_masses(spoil=fail), 0.8, 0.1, error=RunError)
 
 
 def assert_same(state: State, other: State, samples: np.ndarray) -> None:
@@ -483,8 +482,7 @@ def test_options_that_would_change_a_run_are_refused(
 ) -> None:
     options(prefix + name, value)
     system = two_masses()
-    with pytest.raises(InputError, match=rf"option -{prefix}{name} {value}: .*{re.escape(cure)}"):
-        run(system, 0.8, 0.1)
+    assert_refused(rf"option -{prefix}{name} {value}: .*{re.escape(cure)}", run, system, 0.8, 0.1)
     assert system.n_corrections == 0
 
 

@@ -20,6 +20,7 @@ from conftest import ROOT
 from effect_scenes import BASE
 from exported import as_one, assert_equal, outputs_of
 from handbook_blocks import blocks_of
+from refusals import assert_refused
 from runs import in_turn, motion, overridden, refused, trajectory
 
 import pgmp_petsc as pgmp
@@ -101,8 +102,6 @@ MODELS: dict[str, Callable[[Scene], Trajectory]] = {
     "components": lambda scene: trajectory(_components(scene, meshes_for(scene), {})),
     "reduced": lambda scene: trajectory(ReducedModel(scene, _build(scene, meshes_for(scene), {}))),
 }
-
-
 BY_ANGLE = """
 from typing import Literal
 import numpy as np
@@ -132,8 +131,6 @@ class ByAngle(EffectEntry):
         push = Action(name, following(np.array(self.direction)), *sides, LAW, (Quantity(3.0),), led=True)
         return ActionEffect(name, [lead, push], mechanism)
 """
-
-
 #: What `Along` and others add to say more of themselves than what they read; an output of another one's multipliers; an
 #: output that is twice another one, in its own words.
 STATED = """
@@ -196,8 +193,6 @@ EXPRESSED = """
 
         return FormulaOf("2 * a", (("a", seen(self.of)),), ())
 """
-
-
 #: An effect whose point is in an entry that no effect of the program has.
 HELD = LISTING.replace("    point: Point", "    held: Point").replace("self.point", "self.held")
 ALONG = 'outputs.mine={type="along", point="rod:tip", direction=[2.0, 0.0]}'
@@ -279,8 +274,7 @@ def test_points_are_looked_at_whatever_their_entry_is_called(tmp_path: Path) -> 
 )
 def test_component_models_refuse_a_point_that_no_entry_names(tmp_path: Path, point: str, words: str) -> None:
     plugged(tmp_path, LISTING.replace("attachment(self.point,", f'attachment("{point}",'))
-    with pytest.raises(InputError, match=rf"effects\.x\.point = {words}"):
-        MODELS["components"](beams(f"effects.x={TABLE}"))
+    assert_refused(rf"effects\.x\.point = {words}", MODELS["components"], beams(f"effects.x={TABLE}"))
 
 
 def test_a_joint_that_an_entry_of_its_own_names_and_the_scene_has_not_is_named(tmp_path: Path) -> None:
@@ -352,8 +346,7 @@ def test_what_c_has_no_code_for_is_refused_by_its_class(tmp_path: Path, text: st
     plugged(tmp_path, text)
     scene = beams(entry)
     rom = _build(scene, meshes_for(scene), {})
-    with pytest.raises(InputError, match=words):
-        constants_of(ReducedModel(scene, rom), "it")
+    assert_refused(words, constants_of, ReducedModel(scene, rom), "it")
 
 
 #: Names of ideas, and of laws, which every file has for itself.
@@ -391,9 +384,7 @@ def test_copies_of_all_ideas_by_other_names_do_the_same(tmp_path: Path, scene: s
             body["section"]["shape"] = f"other_{body['section']['shape']}"
     other = scene_from_toml(tomli_w.dumps(tables), own.directory)
     runs = [pgmp.simulate(one, model="full") for one in (own, other)]
-    assert runs[0].outputs.keys() == runs[1].outputs.keys()
-    for name, values in runs[0].outputs.items():
-        np.testing.assert_array_equal(runs[1].outputs[name], values, err_msg=name)
+    np.testing.assert_equal(runs[1].outputs, runs[0].outputs)
 
 
 #: A bar of 1 m whose ends slide on the axes x and y, and the joint that its angle is measured in.
@@ -769,8 +760,7 @@ def test_what_it_declares_is_on_the_page_of_entries_and_in_messages(line_spring:
     with pytest.raises(InputError, match=r"^effects\.e\.stiffness = -1\.0: a positive number or the name"):
         scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('20.0', '-1.0')}"])
     parameter = ['parameters.k={nominal=1.0, unit="kg"}', f"effects.e={TABLE.replace('20.0', chr(34) + 'k' + chr(34))}"]
-    with pytest.raises(InputError, match=r"effects\.e\.stiffness uses it, which needs N/m"):
-        scene_from_toml(BASE, ".", parameter)
+    assert_refused(r"effects\.e\.stiffness uses it, which needs N/m", scene_from_toml, BASE, ".", parameter)
 
 
 LAW = 'from pgmp_petsc.effects.law import Law\nlaw = Law("{}", ("k",), force="{}")\n'
@@ -950,8 +940,7 @@ def test_a_file_that_has_changed_is_read_again(line_spring: Path) -> None:
         scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_').replace('20.0', repr('soft'))}"])
     (effect,) = scene_from_toml(BASE, ".", [f"effects.e={TABLE.replace('line_', 'other_')}"]).effects.values()
     assert effect.damping == 0.0 and UNITS["N s2/m3"] == (1, -2, 0), "a unit that no entry of the program has"
-    with pytest.raises(InputError, match=r'^effects\.e\.type = "line_spring": unknown'):
-        scene_from_toml(BASE, ".", [f"effects.e={TABLE}"])
+    assert_refused(r'^effects\.e\.type = "line_spring": unknown', scene_from_toml, BASE, ".", [f"effects.e={TABLE}"])
 
 
 def test_a_copy_of_a_file_is_that_file(line_spring: Path, tmp_path: Path) -> None:
@@ -967,12 +956,10 @@ def test_files_beside_a_plugin_are_no_modules(tmp_path: Path, monkeypatch: pytes
     own, other = (tmp_path / f"{name}_of_test.py" for name in ("own", "other"))
     other.write_text(LISTING)
     own.write_text("from other_of_test import LineSpring\n" + LISTING.replace('"line_spring"', '"own"'))
-    with pytest.raises(InputError, match=r"line 1: ModuleNotFoundError: .*; files beside a plugin are no modules: "):
-        pgmp.use(own)
+    assert_refused(r"line 1: ModuleNotFoundError: .*; files beside a plugin are no modules: ", pgmp.use, own)
     monkeypatch.syspath_prepend(tmp_path)
     pgmp.use(other)
-    with pytest.raises(InputError, match=r"'line_spring' already, .*other_of_test\.py, line 17; another plugin impor"):
-        pgmp.use(own)
+    assert_refused(r"'line_spring' already, .*other_of_test\.py, line 17; another plugin impor", pgmp.use, own)
     IN_USE.clear()
     for family in FAMILIES:
         family.classes = {name: cls for name, cls in family.classes.items() if cls.__module__.startswith("pgmp_petsc.")}
@@ -989,8 +976,7 @@ def test_what_a_plugin_imported_before_it_failed_stays(tmp_path: Path, monkeypat
     monkeypatch.syspath_prepend(tmp_path)
     repaired = "from other_of_repair import LineSpring\n" + LISTING.replace('"line_spring"', '"own"')
     own.write_text(repaired + "\n1 / 0\n")
-    with pytest.raises(InputError, match="ZeroDivisionError"):
-        pgmp.use(own)
+    assert_refused("ZeroDivisionError", pgmp.use, own)
     assert "own" not in FAMILIES[0].names
     own.write_text(repaired)
     pgmp.use(own)
@@ -1074,8 +1060,7 @@ def test_a_run_is_not_resumed_with_another_plugin(line_spring: Path, tmp_path: P
     assert folder().open(True) == ()
     line_spring.write_text(LISTING + "\n")
     pgmp.use(line_spring)
-    with pytest.raises(InputError, match=r"belongs to another run: its plugins differs; repeat the command as it was"):
-        folder().open(True)
+    assert_refused(r"belongs to another run: its plugins differs; repeat the command as it was", folder().open, True)
 
 
 def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1092,8 +1077,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
     told = (
         r"^pgmp\.effects: 'broken' of the installed package not_there_of_test cannot be imported: ModuleNotFoundError"
     )
-    with pytest.raises(InputError, match=told):
-        ideas.EFFECTS.found()
+    assert_refused(told, ideas.EFFECTS.found)
     named("spring", "outputs")  # whichever group it is, all ideas of its modules are there
     assert "line_spring" in ideas.EFFECTS.names
     assert IN_USE["effects", "line_spring"].name == "mine_of_test"
@@ -1110,8 +1094,7 @@ def test_installed_packages_have_ideas_behind_entry_points(tmp_path: Path, monke
         assert RunRecord.read(file).plugins == needed
     check_plugins({"line_spring.py": next(iter(needed.values()))}, "a.h5")  # of a file that was the same
     (tmp_path / "mine_of_test.py").write_text(LISTING + "\n")
-    with pytest.raises(InputError, match=r"the plugin mine_of_test .* which is not in use"):
-        check_plugins(needed, "a.h5")
+    assert_refused(r"the plugin mine_of_test .* which is not in use", check_plugins, needed, "a.h5")
 
 
 @pytest.mark.parametrize(("units", "inertia"), [("SI", 1.0), ("mm", 1e3)])

@@ -8,12 +8,13 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 from pictures import assert_inside, legend_texts, visible
+from refusals import assert_refused
 from runs import ONE_RANK
 
 from benchmarks.scaling import build, figures, fine_beams, report
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase
-from pgmp_petsc.base.errors import InputError, RunError
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -92,8 +93,7 @@ def test_what_is_no_record_is_refused(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "case_1.json"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(InputError, match="no record of a scaling study"):
-        ScalingCase.read(path)
+    assert_refused("no record of a scaling study", ScalingCase.read, path)
 
 
 def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
@@ -159,9 +159,6 @@ def test_programs_say_how_they_are_called_and_what_they_need(capsys, monkeypatch
     assert report.main() == figures.main() == 2
     assert capsys.readouterr().err.count("usage: python -m") == 2
     for work in (report.summarise, figures.draw):
-        with pytest.raises(InputError, match="scripts/bench_scaling"):
-            work(tmp_path)
-    with pytest.raises(InputError, match="no body of continuum elements"):
-        build.measure(BEAMS, (), ONE_RANK, tmp_path / "rom.h5")
-    with pytest.raises(InputError, match="bodies.crank: a beam along the x axis is needed"):
-        fine_beams.frequencies(SOLIDS, 10, MPI.COMM_SELF)
+        assert_refused("scripts/bench_scaling", work, tmp_path)
+    assert_refused("no body of continuum elements", build.measure, BEAMS, (), ONE_RANK, tmp_path / "rom.h5")
+    assert_refused("bodies.crank: a beam along the x axis is needed", fine_beams.frequencies, SOLIDS, 10, MPI.COMM_SELF)
