@@ -42,7 +42,7 @@ def test_with_two_models_it_is_the_regression_at_the_mean_of_all() -> None:
     assert found.variance == pytest.approx(y.var(ddof=1) / 30, rel=1e-10)
 
 
-@pytest.mark.parametrize("sizes", [(12, 100), (12, 12), (10, 40, 400), (10, 10, 41)])
+@pytest.mark.parametrize("sizes", [(12, 100), (12, 12), (10, 40, 400), (10, 10, 41), (10, 40, 41)])
 def test_the_variance_is_that_of_repetitions_without_each_sample(sizes: tuple[int, ...]) -> None:
     """Every sample is left out in turn, the strata keeping their weights, by a loop that knows nothing of formulas."""
     values = models(np.random.default_rng(2), sizes)

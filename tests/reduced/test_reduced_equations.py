@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frames import to_inertial
-from runs import place_in, quick_return, reduced_model, rom_of, watched
+from runs import place_in, quick_return, rom_of, watched
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
@@ -555,20 +555,6 @@ def test_the_order_over_three_coordinates(scheme: str, order: int) -> None:
         grid = sampled((2 * n, n + 1, n + 1))
         errors.append(np.abs(interpolant(grid, exact(grid.theta), scheme)(theta) - exact(theta)).max())
     assert np.log2(errors[0] / errors[1]) > order - 0.4
-
-
-@pytest.fixture(
-    scope="module",
-    params=[(), ("reduction.second_order=true", "reduction.static_modes=true", "reduction.modes=3")],
-    ids=["first order", "second order"],
-)
-def settings(request: pytest.FixtureRequest) -> tuple[str, ...]:
-    return request.param
-
-
-@pytest.fixture(scope="module", params=[slider_crank, quick_return])
-def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedModel:
-    return reduced_model(request.param('effects.weight={type="gravity"}', *settings))
 
 
 def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> None:
