@@ -76,8 +76,7 @@ def test_what_a_file_keeps_from_call_to_call_changes_no_number(arm: Path) -> Non
         runs = [
             interface.simulate(model, {"radius": radius}, overrides=overrides) for model in (kept, interface.read(arm))
         ]
-        for name, values in runs[0].outputs.items():
-            np.testing.assert_array_equal(values, runs[1].outputs[name])
+        np.testing.assert_equal(runs[1].outputs, runs[0].outputs)
     assert len(pickle.dumps(kept)) == len(pickle.dumps(interface.read(arm)))  # what was made stays here
 
 
@@ -90,8 +89,7 @@ def test_ensembles_of_file_and_scene_are_the_same_on_any_ranks(arm: Path, tmp_pa
     one, *others = (Ensemble.read(tmp_path / f"{name}.h5") for name in ("one", "file", "scene"))
     for other in others:
         assert one.model == other.model == "components"
-        for name, values in one.outputs.items():
-            np.testing.assert_array_equal(other.outputs[name], values)
+        np.testing.assert_equal(other.outputs, one.outputs)
 
 
 def test_commands_without_petsc(arm: Path, tmp_path: Path) -> None:

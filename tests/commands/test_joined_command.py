@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from refusals import refusal
+from refusals import assert_refused, refusal
 from runs import PAPER_SCENE, SMALL, full_model, in_turn, overridden, paper_scene, pgmp, refused, rom_of, with_step
 
 from pgmp_petsc.api.ensembles import Correction, better_models, exit_status, in_order
@@ -172,8 +172,7 @@ def test_a_stopped_run_is_taken_up_bit_for_bit(model: ReducedModel, folder: Path
         for key, figure in one.figures.items():
             np.testing.assert_array_equal(found.joined.corrected[name].figures[key].interval, figure.interval)
     fewer = replace(plan, resume=True)
-    with pytest.raises(InputError, match="only a larger number may be given"):
-        ran(model, fewer, better=better(model, "full=20"))
+    assert_refused("only a larger number may be given", ran, model, fewer, better=better(model, "full=20"))
     remove_checkpoint(plan)
     assert not Path(f"{plan.output}.partial").exists()
 
@@ -311,8 +310,7 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
         read_earlier(folder / "again.h5", model)
     other = ReducedModel(with_step(long, 0.01),
                          rom_of(long))  # fmt: skip
-    with pytest.raises(InputError, match=r"simulation\.step is not that of the file"):
-        read_earlier(path, other)
+    assert_refused(r"simulation\.step is not that of the file", read_earlier, path, other)
 
 
 def test_a_rule_that_is_not_met_is_gone_on_with(rom: Path, folder: Path) -> None:
@@ -418,13 +416,13 @@ def test_models_that_do_not_vary_cannot_be_weighed(model: ReducedModel, folder: 
 def test_meshes_come_from_the_scene_that_is_named(model: ReducedModel, tmp_path: Path) -> None:
     own, named = better(model, "full=20")[0].model, better(model, f"{PAPER_SCENE}:full=20")[0].model
     values = draw(model.scene, SEED, 0, 2)
+    found = run_batch(named, values).outputs
     for name, expected in run_batch(own, values).outputs.items():
-        np.testing.assert_allclose(run_batch(named, values).outputs[name], expected, rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(found[name], expected, rtol=1e-9, atol=1e-14)
     # a ROM.h5 of cells has condensed bodies in place of their meshes
     condensed = copy(model)
     condensed.rom = replace(model.rom, meshes={**model.rom.meshes, "rod": None})
-    with pytest.raises(InputError, match=r"'rom\.h5' has no mesh of rod, .* --correct SCENE\.toml:full=20"):
-        better(condensed, "full=20")
+    assert_refused(r"'rom\.h5' has no mesh of rod, .* --correct SCENE\.toml:full=20", better, condensed, "full=20")
     other = tmp_path / "other.toml"
     text = PAPER_SCENE.read_text().replace("../meshes", str(PAPER_SCENE.parent.parent / "meshes"))
     other.write_text(text.replace("rho = 7800.0", "rho = 7900.0"))

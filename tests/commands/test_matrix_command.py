@@ -29,15 +29,11 @@ CRANK = (
 )
 
 
-def matrices() -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    return matrices_of(body_of(MESH, 210e9 * THICKNESS, 7800.0 * THICKNESS))
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a directory with the files of a rod, sound and spoilt in many ways."""
     folder = tmp_path_factory.mktemp("matrices")
-    stiffness, mass = matrices()
+    stiffness, mass = matrices_of(body_of(MESH, 210e9 * THICKNESS, 7800.0 * THICKNESS))
     write_body(folder, "rod", MESH, stiffness, mass)
     first, far = 0, MESH.nodes.size - 2
     bar = sp.csr_matrix(([1.0, -1.0, -1.0, 1.0], ([0, 0, far, far], [0, far, 0, far])), stiffness.shape)
@@ -62,7 +58,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }  # fmt: skip
     for name, matrix in masses.items():
         write_npz(folder / f"mass_{name}.npz", (matrix + matrix.T) / 2, MESH)
-    write_abaqus(folder / "other.mtx", *other_body())
+    finer = solid_meshes("quad8", 20)["rod"]
+    write_abaqus(folder / "other.mtx", matrices_of(body_of(finer))[0], finer)
     write_npz(folder / "size.npz", sp.eye(10, format="csr"), MESH)
     write_npz(folder / "shell.npz", sp.eye(6 * MESH.n_nodes, format="csr"), MESH)
     (folder / "punch.pch").write_text("DMIG    KAAX           0       6       1       0\n")
@@ -75,11 +72,6 @@ def without_a_mode(stiffness: sp.csr_matrix, mass: sp.csr_matrix) -> sp.csr_matr
     values, modes = eigh(stiffness.toarray(), mass.toarray())
     momentum = mass @ modes[:, 8]
     return sp.csr_matrix(stiffness - 1.5 * values[8] * np.outer(momentum, momentum))
-
-
-def other_body():
-    mesh = solid_meshes("quad8", 20)["rod"]
-    return matrices_of(body_of(mesh))[0], mesh
 
 
 def cut(stiffness: sp.csr_matrix) -> sp.csr_matrix:

@@ -20,7 +20,7 @@ from runs import assert_close, full_model, quick_return, rom_of, samples, watche
 
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.mechanism import Unknowns
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.stepping.generalised_alpha import Run
@@ -141,13 +141,10 @@ def test_parameters_far_from_the_nominal_ones(far: tuple[Outputs, Outputs], k: i
 MODELS = ("full", "reduced")
 
 
-def model_of(name: str, scene: Scene) -> Model:
-    return full_model(scene) if name == "full" else ReducedModel(scene, nominal_rom())
-
-
 def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, float], Run]:
     """Return the largest gap in a joint (m) at a hundred times of a run, the outputs at its end, and the run."""
-    model = model_of(name, accurate(*overrides))
+    scene = accurate(*overrides)
+    model = full_model(scene) if name == "full" else ReducedModel(scene, nominal_rom())
     constraints, system = ConstraintSet(Unknowns(model.kinematics.mechanism)), model.batch(samples(model.scene, 1), 1)
     every = max(1, round(model.scene.simulation.duration / model.scene.simulation.step) // 100)
 

@@ -17,8 +17,6 @@ from pgmp_petsc.stepping.second_order_system import State
 from scenes import CRANK, RADIUS, ROD, kinematics_of, pendulum
 
 IMPULSE = 0.1  # N m s, on a beam of 1 m and 0.6 kg
-
-
 BEAM = (
     "bodies.arm.section.radius=5e-3", "reduction.modes=4", "reduction.static_modes=true", "reduction.angles=16",
     'outputs.angle={type="angle", joint="hinge"}', 'outputs.tip={type="rotation", point="arm:tip"}',

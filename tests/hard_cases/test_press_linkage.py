@@ -44,10 +44,6 @@ def of_full_order() -> Trajectory:
     return trajectory(FullModel(scene_of(), rom_of(scene_of()).meshes))
 
 
-def warnings_of(run: Trajectory) -> str:
-    return "\n".join(remark.text for remark in run.record.remarks if remark.kind == "warning")
-
-
 def test_the_linear_model_errs_and_warns() -> None:
     """Figures are worth what the warning says: the stiffness changes by a share, and bending by more than a fifth."""
     run = linear()
@@ -58,7 +54,7 @@ def test_the_linear_model_errs_and_warns() -> None:
     assert run.status == full.status == 0 and full.validity == {}
     assert difference > 0.2 * max(ours, exact), "otherwise this is no hard case"
     assert run.validity["stiffness_gained"] > 0.2
-    text = warnings_of(run)
+    text = "\n".join(remark.text for remark in run.record.remarks if remark.kind == "warning")
     assert "geometric_stiffening, which the model leaves out, changes the stiffness" in text
     assert "name it in [effects], with mode_inertia, and build again" in text
     assert run.errors.maximum("coupler_bending") > 0.1 * difference, "what is estimated is no small error"

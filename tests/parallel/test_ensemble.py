@@ -50,9 +50,8 @@ def uninterrupted(folder: Path, small_rom: Path) -> Ensemble:
 
 def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 1e-9) -> None:
     """Check that ensembles agree; the rigid closure of a whole batch stops at 1e-12, so that batches differ by less."""
-    assert found.parameters.keys() == expected.parameters.keys() and found.outputs.keys() == expected.outputs.keys()
-    for name, values in expected.parameters.items():
-        np.testing.assert_array_equal(found.parameters[name], values, err_msg=name)
+    np.testing.assert_equal(found.parameters, expected.parameters)
+    assert found.outputs.keys() == expected.outputs.keys()
     for name, values in expected.outputs.items():
         np.testing.assert_allclose(found.outputs[name], values, rtol=tolerance, atol=1e-3 * tolerance, err_msg=name)
     for kind in ("errors", "errors_at_end", "validity"):
@@ -91,8 +90,7 @@ def test_the_share_of_checked_samples(folder: Path, small_rom: Path, expected: E
         asked = overridden(f"ensemble.checked_share={share}")
         done = pgmp("montecarlo", small_rom, "-n", N, "--seed", SEED, "-o", path, *asked)
         found = Ensemble.read(path)
-        for name, values in expected.outputs.items():
-            np.testing.assert_array_equal(found.outputs[name], values)
+        np.testing.assert_equal(found.outputs, expected.outputs)
         if n_checked is None:
             assert (found.errors, found.errors_at_end) == ({}, {})
             assert done.stdout.count("errors were not estimated: ensemble.checked_share = 0") == 1

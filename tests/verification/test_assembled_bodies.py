@@ -39,17 +39,14 @@ def steel(mesh: SolidMesh, thickness: float = 1.0):
     return body_of(mesh, MODULUS * thickness, DENSITY * thickness)
 
 
-def scene_with(table: str, *overrides: str, **others: str) -> Scene:
-    """Return the plane slider-crank with the rod from matrices."""
-    return solid_slider_crank(GRAVITY, f'bodies.rod={{element="solid2d", matrices={table}}}', *overrides)
-
-
 def written(folder: Path, kind: str = "abaqus.mtx", units=(1.0, 1.0, 1.0), extra: str = "") -> Scene:
-    """Return that scene with the files of its rod of `solid_meshes`."""
+    """Return the plane slider-crank with the rod of `solid_meshes` from the files of its matrices."""
     mesh = solid_meshes()["rod"]
     stiffness, mass = matrices_of(steel(mesh, THICKNESS))
     table = write_body(folder, "rod", mesh, stiffness, mass, kind, units)
-    return scene_with(table.replace("}", f"{', ' if extra else ''}{extra}}}"), f"reduction.modes={N_MODES}", *MOVING)
+    table = table.replace("}", f"{', ' if extra else ''}{extra}}}")
+    rod = f'bodies.rod={{element="solid2d", matrices={table}}}'
+    return solid_slider_crank(GRAVITY, rod, f"reduction.modes={N_MODES}", *MOVING)
 
 
 @pytest.mark.parametrize(

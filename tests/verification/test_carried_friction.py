@@ -133,8 +133,6 @@ outputs.theta: type = "angle"; joint = "main"
 outputs.pin: type = "joint_force"; joint = "pin"
 """)
 slider = of_text(SLIDER)
-
-
 JOINTS = ("in_main", "main"), ("in_pin", "pin"), ("in_guide", "guide")
 
 
@@ -364,13 +362,10 @@ def test_on_a_beam_that_bends_forces_are_found_in_python():
     assert np.abs(history(of_any, samples(longer, 1), 1)[1]["way"][:, 0] - found).max() < 1e-4 * slower
 
 
-LENGTH = 'parameters.l={nominal=0.3,unit="m",bounds=[0.25,0.35]}', 'bodies.rod.line.length="l"'
-
-
 def test_models_of_several_lengths_rub_alike():
     """Polynomials through three lengths are a thousandth of what friction takes away from models of each."""
     short = "simulation.duration=0.02", "outputs={theta={type='angle',joint='main'}}", "reduction.angles=12"
-    scene = slider(*short, *LENGTH)
+    scene = slider(*short, 'parameters.l={nominal=0.3,unit="m",bounds=[0.25,0.35]}', 'bodies.rod.line.length="l"')
     model, lengths = reduced_model(scene), np.array([0.26, 0.3])
     lanes = of_samples(model, ["l"])
     found = history(lanes, samples(scene, 2, l=lengths), 2, 10)[1]["theta"]

@@ -30,11 +30,6 @@ from scenes import kinematics_of, meshes_of, of_text, tables
 LAW = LAWS["hunt_crossley"]
 
 
-def _normal(p: list[float], x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the force on a pin at x with the speed v, each (2,)."""
-    return LAW.touching.evaluate(p, float(x @ x), float(2.0 * x @ v)).force * 2.0 * x
-
-
 IMPACTS = [(e, 1.5, ratio) for e in (0.05, 0.6, 0.99, 1.0) for ratio in (0.1, 1.0, 10.0)]
 
 
@@ -84,8 +79,6 @@ def test_slower_impacts_lose_less_and_nothing_pulls():
 
 
 RUB = "joints.bore.clearance.friction=0.2", "joints.bore.clearance.friction_speed=0.01"
-
-
 ALONG = np.array([0.4, -1.0])
 
 
@@ -96,9 +89,10 @@ def bounced(friction: float, end: float, n: int) -> np.ndarray:
 
     def rates(t, state):
         x, v = state[:2], state[2:]
-        force = 10.0 * ALONG / np.hypot(0.4, 1.0) + _normal(p, x, v) + np.array([500.0 * t, 0.0])
+        s, rate, area = float(x @ x), float(2.0 * x @ v), float(x[0] * v[1] - x[1] * v[0])
+        normal = LAW.touching.evaluate(p, s, rate).force * 2.0 * x
+        force = 10.0 * ALONG / np.hypot(0.4, 1.0) + normal + np.array([500.0 * t, 0.0])
         if friction:
-            s, rate, area = float(x @ x), float(2.0 * x @ v), float(x[0] * v[1] - x[1] * v[0])
             force += LAW.rubbing.evaluate([*p, friction, 0.01], s, area, rate).force * np.array([-x[1], x[0]])
         return [*v, *(force / mass)]
 
@@ -419,8 +413,6 @@ PUBLISHED = np.array([
     (0.002, 0.4871, 120.82), (0.0025, 0.8302, 112.79), (0.0027, 0.9901, 109.92), (0.0033, 0.8845, 101.19),
     (0.0043, 0.7606, 91.29), (0.0053, 0.8204, 84.21), (0.0062, 0.9919, 79.48),
 ])  # fmt: skip
-
-
 L1, L2, M1, M2, M3, J1, J2, J3, G = 0.153, 0.306, 0.038, 0.038, 0.076, 7.4e-5, 5.9e-4, 2.7e-6, 9.81
 COUPLED, LENGTH, HEIGHT = (M2 / 2 + M3) * L1 * L2, 0.05, 0.025
 

@@ -24,8 +24,6 @@ effects.stiffening: type = "geometric_stiffening"
 effects.shapes: type = "mode_inertia"
 """)
 SPIN_UP = ROOT / "scenes" / "spinning_beam.toml"
-
-
 ACROSS = (0.0, 0.0, 1.0)
 #: Bodies of every kind: the tables of the body, of the joint in space, and the mesh.
 KINDS = {

@@ -222,8 +222,6 @@ SAMPLED = ("controllers.place.sample_time=5e-3", "controllers.hold.sample_time=5
 
 #: Where the cart and the pole come in a short run: as fine as the scene's 14 configurations each, and a sixth as many.
 NEAR = ("coordinates.x.range=[-0.1,0.2]", "coordinates.swing.range=[-0.9,0.3]", "reduction.angles=6")
-
-
 #: The cart is moved as it is, whatever a controller does against that.
 DRIVEN = (*ARM, 'effects.drive={type="prescribed_motion",coordinate="x",table=[[0.0,0.0],[0.1,0.02],[0.5,0.05]]}')
 
@@ -628,8 +626,6 @@ ALSO = (
     'outputs.acc={type="rate",of="speed"}',
     'outputs.pin={type="joint_force",joint="hinge",component="x"}',
 )
-
-
 FORMULA = 'controllers.servo={type="formula",joint="hinge",'
 NO_FORMULAS = """
 output="u"} -> controllers.servo.output = "u": names 'u', which is not known
@@ -645,8 +641,6 @@ states={a="-a"},constants={a=1.0},output="a"} -> controllers.servo.constants = |
 states={z="-z"},initial={x=1.0},output="z"} -> controllers.servo.initial = | there is no state 'x'; known: z
 constants={a="kq"},output="a * y"} -> controllers.servo.constants.a = "kq": there is no such parameter
 """
-
-
 BESIDE = """
 initial.equilibrium=true & initial.coordinates="free" -> initial.coordinates = "free": with controllers.servo: \
     controllers begin with a run
@@ -677,12 +671,8 @@ HELD = (
 )  # fmt: skip
 PD = 'controllers.hold={type="pid",measures="swing",joint="pivot",reference=-0.1,gains={p="stiff",d="damp"}}'
 SPRING = 'effects.hold={type="spring_damper",joint="pivot",stiffness="stiff",damping="damp",rest=-0.1}'
-
-
 #: Met once, where runs at 2e-3 of a parameter's size make differences 2e-2 wrong.
 MET = 'effects.stop={type="end_stop",joint="pivot",lower=-0.1,stiffness=200.0,damping=1.0}'
-
-
 #: A force that sets in 1e-6 rad behind the place at 0.1 s, which runs 3e-5 of a gain apart have passed by the end of
 #: that step or not: their differences are 6e-2 wrong.
 CORNER = 'effects.wall={type="law",joint="pivot",force="200 * max(-0.1921108766 - s, 0)"}'

@@ -315,8 +315,6 @@ def test_a_spring_on_a_motor_is_one_on_the_slow_side_of_its_gear(monkeypatch: py
 
 
 GENTLY = ("effects.motor.table=[[0.0,0.0],[0.2,0.3],[1.0,0.3]]",)
-
-
 # what a component run leaves out: forces in the legs that stiffen them, and their foreshortening
 OF_SECOND_ORDER = ("effects.stiff={type='geometric_stiffening'}", "effects.inertia={type='mode_inertia'}")
 
@@ -372,8 +370,6 @@ def test_a_turn_that_does_not_bring_a_geared_body_back_says_so() -> None:
 
 
 COUPLED = "joints.mesh={type='coupling',terms={output=2.0,input=0.74}}"
-
-
 RIGID = {
     # scene and entry, values, the coordinate's motion
     "gear": (ROTORS, "joints.mesh.ratio", (-0.41, 0.6), lambda t, r: 0.35 / (0.02 + r**2 * 0.5) * t**2, "one"),

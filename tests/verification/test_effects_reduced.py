@@ -188,8 +188,6 @@ ADDED = {
     "point_mass": {"rom:tables/mass", "rom:tables/inertia", "rom:tables/rigid"},
     "geometric_stiffening": {"rom:tables/second_order", "rom:curvature", "rom:timings/second order"},
 }
-
-
 EVALUATED = {"torque": {"Effect.amplitude"}, "gravity": {"Effect.amplitude"}, "prescribed_motion": {"Motion.at"}}
 LOCAL = ("spring_damper", "end_stop")
 

@@ -331,8 +331,6 @@ SUNK = {
     machine_in_space: (_places(*ENDS, ("aside", "crank:tip", "z")),),
     boom: (_places(("x", "boom:tip", "x"), ("tip", "head:centre", "x"), ("aside", "head:centre", "y")),),
 }  # fmt: skip
-
-
 SINKS = (
     "outputs={left={type='displacement',point='shaft:hinge',axis='z'},mid={type='displacement',point='shaft:4',axis='z'}}",
 )

@@ -1,7 +1,7 @@
 """Estimated errors of reduced runs are within a factor of the true ones, for all kinds of bodies and effects."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -417,11 +417,6 @@ def every_effect(*overrides: str) -> Made:
     return scene, meshes_of(scene)
 
 
-def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
-    build_rom(*made, ONE_RANK).write(directory / "rom.h5")
-    return ReducedOrderModel.read(directory / "rom.h5")
-
-
 def platform(*overrides: str) -> Made:
     scene = load_scene(ROOT / "scenes" / "platform_3rrr.toml", overrides)
     return scene, meshes_of(scene)
@@ -446,19 +441,15 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
     (make, overrides, components), parts = CASES[case], REFINEMENT.get(case, 4)
-    made = _short(make, overrides)
-    scene, meshes = made
+    scene, meshes = made = make("reduction.angles=32", "simulation.duration=0.1", "simulation.step=5e-4", *overrides)
     assert absence_of_estimates(scene) == ()
-    model, values = ReducedModel(scene, kept_rom(made, tmp_path)), samples(scene, 2)
+    build_rom(*made, ONE_RANK).write(tmp_path / "rom.h5")
+    model, values = ReducedModel(scene, ReducedOrderModel.read(tmp_path / "rom.h5")), samples(scene, 2)
     exact_of = (components_model if components else full_model)(finer(scene, parts), meshes)
     exact, factor = history(exact_of, samples(scene, 1), 1, parts)[1], SURER.get(case, FACTOR)
     for name, ratios in effectivity(model, exact, values, 2)[0].items():
         assert np.all((ratios > 1.0 / factor) & (ratios < factor)), (name, ratios)
         np.testing.assert_allclose(ratios[1], ratios[0], rtol=1e-6)  # of the same sample
-
-
-def _short(make: Callable[..., Made], overrides: tuple[str, ...]) -> Made:
-    return make("reduction.angles=32", "simulation.duration=0.1", "simulation.step=5e-4", *overrides)
 
 
 FOLDER = ROOT / "tests" / "hard_cases" / "estimates"

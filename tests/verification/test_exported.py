@@ -352,8 +352,6 @@ TREES = {
     "worn_slider_crank": ("simulation.duration=0.02",),
     "slider_crank_solid2d": ("simulation.duration=0.05",),
 }  # fmt: skip
-
-
 OTHERS = {"crank_press": {"strength": 1.2}, "six_joint_arm": {"radius": 0.015}}
 
 

@@ -48,8 +48,6 @@ for kind in kinds:
 """
 STEP = 5e-4
 THREADS = Path(__file__).with_name("instances_in_threads.c")
-
-
 OF_THE_FILE = "reduction.parameter_modes=0", "reduction.modes=3"
 
 

@@ -275,8 +275,7 @@ def test_full_order_samples_have_meshes_of_their_own(scene: Scene) -> None:
     assert model.largest_batch == 1
     found = history(model, samples(scene, 1, rod_length=np.array([0.68])), 1)[1]
     exact = history(full_model(numbered(0.68, *ACCURATE)), samples(numbered(0.68), 1), 1)[1]
-    for name, values in exact.items():
-        np.testing.assert_array_equal(found[name], values)
+    np.testing.assert_equal(found, exact)
 
 
 def test_a_place_of_the_ground_is_served_too() -> None:

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from millimetres import differences, flat, in_millimetres, strange, with_short_numbers
 from offset_scenes import CLAMPED
+from refusals import assert_refused
 from runs import one_message, pgmp, reduced_model
 from sealed import resealed
 
@@ -388,15 +389,10 @@ def _assert_same_code(si: Twin, mm: Twin) -> None:
     """Compiled models print numbers in their units, and those of the program: iterations under friction stop where its
     own do, of which 2e-11 m more or less were 1e-6 of the 5 um that the cart's pole bends by."""
     run = read(si.file("run")).data
-    one, other = (_printed(twin.file("code")) for twin in (si, mm))
+    one, other = (outputs_of(as_one(twin.file("code"), "reduced")) for twin in (si, mm))
     assert one.keys() == other.keys()
     assert_equal(one, {name: values for name, values in run.outputs.items() if name in one})
     assert_equal({name: other[name] * _si(run.units.get(name, "1")) for name in one}, one, 1e-7)
-
-
-def _printed(folder: Path) -> dict[str, np.ndarray]:
-    """Compile exported code and return the columns of what it prints."""
-    return outputs_of(as_one(folder, "reduced"))
 
 
 def _assert_same_unit(si: Path, mm: Path) -> None:
@@ -475,8 +471,7 @@ def test_settings_are_in_the_units_of_the_scene(tmp_path: Path) -> None:
     assert load_scene(path, (), ["thick=7"]).values["thick"] == 7e-3
     assert load_scene(path, (), ["thick=0.7 cm"]).values["thick"] == 7e-3
     assert load_scene(path, ['bodies.coupler.section.width="2 cm"']).bodies["coupler"].section.width == 0.02
-    with pytest.raises(InputError, match=r"^parameters\.thick\.value = 12.0: must lie inside"):
-        load_scene(path, (), ["thick=12"])
+    assert_refused(r"^parameters\.thick\.value = 12.0: must lie inside", load_scene, path, (), ["thick=12"])
     with pytest.raises(InputError, match=r"--set thick=7 kg: 'kg' is the unit of a mass; needed is a length \(mm\)"):
         load_scene(path, (), ["thick=7 kg"])
     with pytest.raises(InputError, match=r"coupler\.section\.width = \"7 kg\": .* needed is a length \(mm\)"):
@@ -490,8 +485,7 @@ def test_what_is_missing_is_said_in_the_units_of_the_scene(tmp_path: Path) -> No
         ('outputs.s={type="stress", body="rocker"}', r"s\.quantity: .*principal_min \(MPa\) .*moment \(N mm\), "),
         ("bodies.rocker.line={elements=4}", r"rocker\.line\.length: missing; needed: length \(mm\), a"),
     ):
-        with pytest.raises(InputError, match=words):
-            load_scene(path, [change])
+        assert_refused(words, load_scene, path, [change])
 
 
 BAD = {
@@ -556,8 +550,7 @@ def test_a_model_of_an_earlier_version_in_mm_is_refused(tmp_path: Path) -> None:
     assert read(file).data.rom.record.system == MM
     with resealed(file) as old:
         del old.attrs["computed_in"]
-    with pytest.raises(InputError, match=r"rom\.h5': an earlier version computed it in mm, t and s; make it anew"):
-        read(file)
+    assert_refused(r"rom\.h5': an earlier version computed it in mm, t and s; make it anew", read, file)
 
 
 @needs_compiler

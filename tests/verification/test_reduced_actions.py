@@ -58,16 +58,12 @@ EFFECTS = {
 }
 
 
-def scene_with(effect: str, *overrides: str) -> Scene:
+@lru_cache
+def model_of(effect: str, *overrides: str) -> ReducedModel:
     start = () if effect == "drive" else MOVING
     # what acts along the normal of a guide has no static answer: it is left out where a force turns with a body there
     plain = ("reduction.static_modes=false", "reduction.modes=8") if effect == "following force" else ()
-    return slider_crank(EFFECTS[effect], *MODES, *plain, *OUTPUTS, *start, *RUN, *overrides)
-
-
-@lru_cache
-def model_of(effect: str, *overrides: str) -> ReducedModel:
-    return reduced_model(scene_with(effect, *overrides))
+    return reduced_model(slider_crank(EFFECTS[effect], *MODES, *plain, *OUTPUTS, *start, *RUN, *overrides))
 
 
 def anywhere(model: ReducedModel, n: int, bent: float = 1e-3, turned: float = 1.0) -> State:

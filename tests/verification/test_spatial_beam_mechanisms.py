@@ -22,8 +22,6 @@ from pgmp_petsc.scene import scene_from_toml
 from scenes import kinematics_of, mechanism_of, meshes_of, of_text
 
 N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
-
-
 # two beams with two coordinates, hinged about axes that are not parallel
 arm = of_text(ARM.replace('element = "solid3d"', f'element = "beam3d"\n{RECTANGLE}'))
 

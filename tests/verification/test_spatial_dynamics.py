@@ -26,8 +26,6 @@ from pgmp_petsc.scene import Scene
 from scenes import slider_crank
 
 GRAVITY = 9.81
-
-
 Place = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and origin (3,)
 RANGE = [-0.8, 2.6]  # rad of the crank
 
@@ -131,8 +129,6 @@ def arm_places(theta: np.ndarray) -> list[Place]:
 
 
 ARM = RigidBars((spatial.UPPER, spatial.LOWER), arm_places)
-
-
 NO_STATIC = ("reduction.static_modes=false", "reduction.inertia_modes=false")
 STIFF = ("materials.steel.E=2.1e14", "reduction.modes=2", *NO_STATIC)
 # a part of the revolution, in which the runs stay

@@ -154,8 +154,6 @@ coordinates.theta: joint = "crank_hinge"; range = [0.0, 6.283185307179586]; peri
 simulation: duration = 0.05; step = 1e-3; spectral_radius = 0.99
 simulation.initial.theta: position = 0.3; velocity = 2.0
 """)
-
-
 BODIES = {
     2: 'line = {{ length = {0}, elements = 2 }}; element = "beam2d"; section = {{ shape = "coefficients", axial = 1.0, '
     f"shear = 1.0, bending = 1.0, line_density = {DENSITY}, rotary_density = {DENSITY * WIDTH**2 / 12} }}}}",

@@ -45,9 +45,6 @@ def out_of_plane(kinematics: RigidKinematics, flexible: np.ndarray) -> np.ndarra
     return np.sum(sizes[[2, 3, 4]], axis=0) / np.sum(sizes, axis=0)
 
 
-ANGLES = (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0)
-
-
 @lru_cache(maxsize=None)
 def round_rods() -> tuple[Scene, dict[str, BodyShape]]:
     """Return the repository's slider-crank of solid rods, condensed."""
@@ -65,7 +62,7 @@ def test_the_modes_in_the_plane_are_those_of_beams() -> None:
     assert kinematics.n_redundant == 1
     with modal_problem(scene, kinematics) as deep, modal_problem(planar, beams, 4) as flat:
         assert deep.n_redundant == 0
-        for theta in ANGLES:
+        for theta in (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0):
             modes = deep.solve(theta)
             shares = out_of_plane(kinematics, modes.flexible)
             # the rods and their joints are symmetric: a mode is in the plane or out of it
@@ -209,8 +206,6 @@ ARC = (
     "coordinates.theta.range=[1.5,1.9]", "coordinates.theta.periodic=false", "reduction.angles=21",
     "simulation.initial.theta={position=1.55,velocity=3.0}",
 )  # fmt: skip
-
-
 #: Eigenvalues within such a share of each other are taken together, as the build itself does.
 APART = 1e-2
 

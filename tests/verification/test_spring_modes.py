@@ -186,8 +186,6 @@ BUSHING = (
     'effects.b={type="bushing",points=["ground:post","crank:tip"],reference=[[1.0,0.4]],'
     "stiffness=[2e4,5e3],turning_stiffness=[40.0]}"
 )
-
-
 RIGID_CRANK = (
     "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}",
     "bodies.crank.section.radius=5.6e-3",
