@@ -554,8 +554,8 @@ class _Fitting:
                 if not low <= value <= high:
                     yield warning(
                         f"{name} = {own * value:.5g} lies outside {ranges[name].between(low, high)}, which the reduced "
-                        f"basis spans: all but {200.0 * OUTERMOST:.2g} % of its distribution; build again with a nominal "
-                        "value near it, and fit again"
+                        f"basis spans: all but {200.0 * OUTERMOST:.2g} % of its distribution; build again with a "
+                        "nominal value near it, and fit again"
                     )
         for j, k in zip(*np.nonzero(np.tril(np.abs(correlation) > HARDLY_APART, -1))):
             yield warning(

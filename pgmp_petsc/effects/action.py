@@ -144,8 +144,8 @@ class Action:
 JUMPS = {
     "force": (
         "force",
-        "errors then fall as the step, not as its square, and derivatives may have no value there; let what sets in grow "
-        "from zero, such as a damping with the depth",
+        "errors then fall as the step, not as its square, and derivatives may have no value there; let what sets in "
+        "grow from zero, such as a damping with the depth",
     ),
     "stored": ("potential", "energies are then out of balance; let its parts meet there"),
 }
