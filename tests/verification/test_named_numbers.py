@@ -60,6 +60,14 @@ def made(kind: str, scene: Scene) -> Model:
     return full if kind == "full" else components_model(scene, full.meshes)
 
 
+def assert_alone(together: dict[str, np.ndarray], k: int, model: Model) -> None:
+    """Check the outputs of a sample beside others against those of its own model."""
+    _, alone = history(model, samples(model.scene, 1), 1)
+    for name, expected in alone.items():
+        # what iterations leave, 1e-12 of the size a step, and contacts multiply
+        np.testing.assert_allclose(together[name][:, k], expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("kind", ["full", "components", "reduced"])
 def test_samples_are_runs_with_their_numbers(kind: str) -> None:
     """The mass of a basis is affine in an inertia, and one of a number is part of another term: it stays first."""
@@ -68,12 +76,7 @@ def test_samples_are_runs_with_their_numbers(kind: str) -> None:
     _, together = history(made(kind, scene), samples(scene, 2, **numbers), 2)
     assert max(np.ptp(values, axis=1).max() for values in together.values()) > 1e-3
     for k, values in enumerate((FIRST, second)):
-        own = scene_with(values)
-        _, alone = history(made(kind, own), samples(own, 1), 1)
-        for name, expected in alone.items():
-            found = together[name][:, k]
-            # what iterations leave, 1e-12 of the size a step, and contacts multiply
-            np.testing.assert_allclose(found, expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max())
+        assert_alone(together, k, made(kind, scene_with(values)))
 
 
 def test_derivatives_are_central_differences(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,19 +114,12 @@ def test_samples_of_loads_are_runs_with_their_numbers(kind: str) -> None:
     values = {name: np.array(both) for name, both in OVER_TIME.items()}
 
     def made_of(one: Scene) -> Model:
-        if kind == "reduced":
-            return reduced_model(one)
-        full = full_model(one)
-        return full if kind == "full" else components_model(one, full.meshes)
+        return reduced_model(one) if kind == "reduced" else made(kind, one)
 
     _, together = history(made_of(scene), samples(scene, 2, **values), 2)
     assert all(np.ptp(found, axis=1).max() > 1e-6 for found in together.values())
     for k in (0, 1):
-        own = loaded_with({name: both[k] for name, both in OVER_TIME.items()})
-        _, alone = history(made_of(own), samples(own, 1), 1)
-        for name, expected in alone.items():
-            # what iterations leave, 1e-12 of the size a step
-            np.testing.assert_allclose(together[name][:, k], expected[:, 0], rtol=0, atol=1e-8 * np.abs(expected).max())
+        assert_alone(together, k, made_of(loaded_with({name: both[k] for name, both in OVER_TIME.items()})))
 
 
 def test_derivatives_with_values_over_time_are_central_differences() -> None:
