@@ -128,6 +128,16 @@ def test_a_flexible_body_in_free_flight_keeps_its_momentum() -> None:
     assert np.ptp(spins) > 1e-4 * spins[0], "it would turn evenly if it were rigid"
 
 
+def test_what_turns_freely_in_gimbals_keeps_its_angular_momentum() -> None:
+    """The gimbals, which have no mass, hold it in the point about which it is."""
+    errors = []
+    for step in (1e-3, 5e-4):
+        angular = momenta(components_model(in_space(f"simulation.step={step}")))[1]
+        errors.append(np.linalg.norm(angular - angular[0], axis=1).max() / np.linalg.norm(angular[0]))
+    assert errors[1] < 1e-4
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
 def test_a_stiff_cross_turns_as_eulers_top() -> None:
     """Without torque, ``J w' = -w x J w`` in the body; angles about z, y and x from the spin."""
     errors, times = [], None
