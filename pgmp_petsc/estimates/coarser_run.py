@@ -77,6 +77,7 @@ LASTS = 3  # coarser steps for which they differ by more where one runs away
 GREW = 10.0  # times that the difference grew before
 #: what its second root of `GREW` may take of the time of the first: 1 where it grows exponentially, 1.8 as a square
 SLOWER = 1.5
+FADED = 0.1  # of the largest error that a lost vibration makes, from which on it counts
 TINY = np.finfo(float).tiny
 CROWDED = 0.5  # of `APART` of them, from which on it ends: changes of step set off what is seen then
 
@@ -106,6 +107,7 @@ class StepErrors:
     time: np.ndarray  # instants, shape (n_e,), s
     outputs: dict[str, np.ndarray]  # error of each output, shape (n_e,): the run's less what it should be
     lost_hz: float  # frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming
+    lost_within: tuple[float, float]  # from when to when, s
     unsure: str  # why the order of the error is not known; empty where it is
 
 
@@ -287,7 +289,11 @@ def step_errors(
     places = bands.hop * step * np.arange(len(found))
     lost = {name: np.interp(at, places, one) for name, one in zip(outputs, found.T)}
     shares = np.array([one.max() / largest[name] if largest[name] else 0.0 for name, one in lost.items()])
-    loudest, lost_hz = float(shares.max()), float(turns[shares.argmax()] / (2.0 * np.pi * step))
+    loudest, most = float(shares.max()), int(shares.argmax())
+    large = np.flatnonzero(found[:, most] > FADED * found[:, most].max(initial=TINY))
+    first, last = (large[0], large[-1]) if large.size else (0, 0)
+    lost_within = float(places[max(first - 1, 0)]), min(float(places[last] + bands.hop * step), float(at[-1]))
+    lost_hz = float(turns[most] / (2.0 * np.pi * step))
     edged = [f"effects.{name}" for name, effect in scene.effects.items() if effect.edged]
     acting = {f"effects.{name}": one for name, one in scene.effects.items()}
     acting |= {f"controllers.{name}": one for name, one in scene.controllers.items()}
@@ -314,7 +320,7 @@ def step_errors(
         made_of = np.isin(list(outputs), list(scene.outputs[name].made_in(scene)))
         # cycles of a vibration that is lost are those of neither run, and their damage has no order
         errors[name] = differences[name] / (1.0 if shares[made_of].max() > RUBS else order)
-    return StepErrors(at, judged(scene, errors), lost_hz if loudest > TREMBLES else np.nan, unsure)
+    return StepErrors(at, judged(scene, errors), lost_hz if loudest > TREMBLES else np.nan, lost_within, unsure)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ SMALLER_ERRORS["components"] = SMALLER_ERRORS["full"]
 FIRST_ORDER = (
     "act in first order, which no basis makes better: compare with the full-order run (pgmp simulate SCENE --full)"
 )
+BRIEFLY = 0.5  # of a run, up to which a vibration that is lost is a shock that fades
 SMALL = 0.01  # estimated error as a share of an output's largest value, up to which it is no harm that it is unsure
 NEGLIGIBLE = 1e-6  # of the largest output of its unit: an error as small of an output that vanishes is none
 
@@ -194,9 +195,16 @@ def step_remarks(
             f"{with_step} {why}; later ones may be larger, take a smaller simulation.step"
         )
     if np.isfinite(errors.lost_hz):
+        begin, end = errors.lost_within
+        part, cure = (
+            f"from {begin:.3g} s to {end:.3g} s",
+            "let what sets it off, such as a start at once, set in slowly",
+        )
+        if end - begin > BRIEFLY * errors.time[-1]:
+            part, cure = "over the run", "damp it"
         yield warning(
             f"the time step of {time[1] - time[0]:.3g} s does not follow a vibration at about {errors.lost_hz:.3g} "
-            "Hz over the run: its phase is lost; take a smaller simulation.step, or damp it"
+            f"Hz {part}: its phase is lost; take a smaller simulation.step, or {cure}"
         )
     if errors.unsure:
         sizes = {name: np.abs(values).max() for name, values in outputs.items()}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from runs import overridden, pgmp, trajectory
+from runs import full_model, overridden, pgmp, trajectory
 
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
@@ -17,7 +17,7 @@ from pgmp_petsc.results.estimates import OF_STEP
 from pgmp_petsc.scene.loading import write_template
 from pgmp_petsc.stepping.status import Status
 from pgmp_petsc.studies.inputs import read_scene
-from scenes import tables
+from scenes import slider_crank, tables
 
 HERE, SLIDER_CRANK = Path(__file__).parent, ROOT / "scenes" / "slider_crank.toml"
 FINER = 8
@@ -90,6 +90,25 @@ def test_corners_of_what_drives_are_no_vibration_that_is_lost(tmp_path: Path, dr
     for name in found.outputs:
         true = np.abs(found.outputs[name] - np.interp(found.time, finer.time, finer.outputs[name])).max()
         assert 0.5 < found.errors.maximum(name) / true < most, name
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "said"),
+    [
+        (1e-7, "Hz over the run: .*, or damp it$"),
+        (5e-5, r"Hz from 0 s to 0\.0\d+ s: .* a start at once, set in slowly$"),
+    ],
+)
+def test_a_vibration_that_is_lost_and_fades_is_not_to_be_damped(stiffness: float, said: str) -> None:
+    """A torque that acts at once; `stiffness` damps a vibration at 660 Hz to a tenth in 5 ms."""
+    model = full_model(slider_crank(
+        "simulation={step=2e-4, duration=0.1, spectral_radius=0.8}", "simulation.initial.theta={position=1.4}",
+        f'effects.damp={{type="structural_damping", stiffness={stiffness}}}',
+        'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.5], [1.0, 1.5]]}',
+        'outputs.load={type="joint_force", joint="elbow"}',
+    ))  # fmt: skip
+    (told,) = [one.text for one in trajectory(model).record.remarks if "does not follow a vibration" in one.text]
+    assert re.search(said, told)
 
 
 def test_a_step_that_loses_a_vibration_is_warned_of() -> None:
