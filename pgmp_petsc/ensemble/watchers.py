@@ -281,7 +281,8 @@ class _OverTimeWatch(PooledObserver):
 
     def see(self, first: int, states: State) -> None:
         numbers, times = np.array(self.numbers[first:]), np.array(self.times[first:])
-        found = self._model.outputs.evaluate(self._model.observed_over(self._begun.system, states, times))
+        with doing("outputs over time"):
+            found = self._model.outputs.evaluate(self._model.observed_over(self._begun.system, states, times))
         outputs = self._counting.over(times, {name: row.reshape(times.size, -1) for name, row in found.items()})
         self._last = {name: outputs[name][-1] for name in self._counts}
         judged = {name: slice(int(first == 0 and name in self._late), None) for name in outputs}

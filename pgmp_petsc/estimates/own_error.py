@@ -367,8 +367,9 @@ def of_statistics(
         yield warning(f"{whose}'s own error is a good part of {'; '.join(told)}; {cure}")
     if 0 < n_checked < FEWEST:
         yield note(
-            f"what errors of {whose} do to deviations and quantiles is not known: it takes {FEWEST} checked "
-            f"samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; ensemble.checked_share checks more"
+            f"what errors of {whose} do to deviations and quantiles is not known well: to see how they vary takes "
+            f"{FEWEST} checked samples, and {n_checked} {'is' if n_checked == 1 else 'are'} here; "
+            "ensemble.checked_share checks more"
         )
 
 
