@@ -498,10 +498,9 @@ class _Reader:
         self._quantity = self._quantity or token
         factor, dimension = measure(unit)
         value = times(float(token["number"]), factor)
-        own = self._part(parts, "", lambda outcome: Dual(value, np.zeros(len(outcome.names))))
         alike = (one for one, of in UNITS.items() if of == dimension and has_angles(one) == has_angles(unit))
-        self._units[own] = next(alike, si_name(dimension))
-        return own
+        shown = next(alike, si_name(dimension))
+        return self._part(parts, shown, lambda outcome: Dual(value, np.zeros(len(outcome.names))))
 
     def _written(self, token: re.Match[str], parts: dict[str, Callable[[Outcome], Dual]]) -> str:
         """Return a token in the language of formulas; add what it names to the parts."""
@@ -513,7 +512,8 @@ class _Reader:
         if output:
             if output not in self._outputs:
                 self.refuse(f"there is no such output{nearest_name(output, self._outputs)}", token.start("output"))
-            return self._part(parts, output, _figure_of(output, FIGURES[token["figure"]], bool(token["abs"])))
+            figure = _figure_of(output, FIGURES[token["figure"]], bool(token["abs"]))
+            return self._part(parts, self._given.get(output, "1"), figure)
         is_called = name in formulas.FUNCTIONS and re.match(r"\s*\(", self._text[token.end() :])
         if token["sign"] or token["relation"] or is_called:
             return "**" if text == "^" else text
@@ -532,14 +532,14 @@ class _Reader:
                 f"there is no parameter, figure, function or unit of a number '{name}'{apart}{hint}", token.start()
             )
         return self._part(
-            parts, f"parameters.{name}",
+            parts, self._given.get(f"parameters.{name}", "1"),
             lambda outcome: Dual(outcome.values[name], np.array([float(name == one) for one in outcome.names])),
         )  # fmt: skip
 
-    def _part(self, parts: dict[str, Callable[[Outcome], Dual]], name: str, part: Callable[[Outcome], Dual]) -> str:
-        """Return what a sum calls what it names."""
+    def _part(self, parts: dict[str, Callable[[Outcome], Dual]], unit: str, part: Callable[[Outcome], Dual]) -> str:
+        """Return what a sum calls what it names, which has an SI unit."""
         own = f"part_{len(self._units)}"
-        parts[own], self._units[own] = part, self._given.get(name, "1")
+        parts[own], self._units[own] = part, unit
         return own
 
 
