@@ -339,9 +339,10 @@ FIGURES = {
     "end": _at(lambda values: Vertex(-1, 0.0)),
 }
 _NAME = "[A-Za-z_][A-Za-z0-9_-]*"
+_WORD = f"[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}]?{_NAME}|\N{DEGREE SIGN}"  # a name, or a unit
 _TOKEN = re.compile(
     rf"(?P<figure>{'|'.join(FIGURES)})\s*\(\s*(?P<abs>abs\s*\(\s*)?(?P<output>{_NAME})\s*\)(?(abs)\s*\))"
-    rf"|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})|(?P<relation>[<>]=?)|(?P<sign>\*\*|[-+*/^(),])|\S"
+    rf"|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_WORD})|(?P<relation>[<>]=?)|(?P<sign>\*\*|[-+*/^(),])|\S"
 )
 
 
