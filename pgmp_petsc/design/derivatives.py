@@ -266,6 +266,7 @@ def contact_remarks(run: DifferentiatedRun) -> Iterator[Remark]:
 
 
 SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
+SENSE = r"\s*(\w*)\s*"  # what a goal begins with, one of these
 WORDS = "parameters, figures of outputs (max, min, mean, rms, start and end of OUTPUT or of abs(OUTPUT))"
 
 
@@ -378,7 +379,7 @@ def read_goal(
 ) -> Goal:
     """Read a goal in the units of a system; raises `InputError` with the position marked."""
     reader = _Reader("goal", text, outputs, parameters, units, system)
-    word = re.match(r"\s*(\w*)", text)
+    word = re.match(SENSE, text)
     if word[1] not in SENSES:
         reader.refuse("a goal begins with minimise or maximise", word.start(1))
     (tokens, *_), relations = reader.sums(word.end())

@@ -12,6 +12,7 @@ function of the design. Designs are found by sequential quadratic programming (S
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from pgmp_petsc.base.resources import Timings
 from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.base.units import behind
 from pgmp_petsc.design.derivatives import (
+    SENSE,
     Constraint,
     Dual,
     Expression,
@@ -178,12 +180,12 @@ class DesignFigures:
         return self._known[key]
 
     def _words_of(self, found: Sequence[Dual]) -> str:
-        """Return what is known of the last design that was tried."""
+        """Return what is known of the last design that was tried. Collective."""
         goal = self._question.goal
         value = with_unit(goal.sense * goal.size * found[0].value, goal.unit, 3)
-        missed = sum(dual.value > 0.0 for dual in found[1:])
+        missed = sum(dual.value > MET * size for dual, size in zip(found[1:], self.sizes(found[1:])))
         constraints = f", {missed} of {counted(len(found) - 1, 'constraint')} missed" if len(found) > 1 else ""
-        return f"design {len(self.tried)}: {goal.text.partition(' ')[2]} = {value}{constraints}"
+        return f"design {len(self.tried)}: {goal.text[re.match(SENSE, goal.text).end() :]} = {value}{constraints}"
 
     def _evaluated(self, design: np.ndarray) -> list[Dual] | PgmpError:
         """Return the figures of a design, or why the first of its samples that cannot be run stops."""

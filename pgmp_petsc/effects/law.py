@@ -117,10 +117,6 @@ class Law(Printed):
     def __post_init__(self) -> None:
         place = called_at()
         object.__setattr__(self, "place", place)
-        if self.loaded and not self.parameters:
-            raise InputError(
-                f"{place}: law {self.name}: it is loaded; its first parameter is the force that the joint carries"
-            )
         entry, of_s = f"law {self.name}", ("s", *self.parameters[self.loaded :])
         state = ("s", "rate") if self.loaded else STATE
         check_names(entry, (self.name,), (), place)
@@ -136,6 +132,8 @@ class Law(Printed):
             raise InputError(f"{place}: {entry}: elastic is -dV/ds of the potential V, and force '{self.force}' {has}")
         if not self.left_out and {"s", "rate", "elastic"} & names:
             object.__setattr__(self, "left_out", "it is no linear spring")
+        if self.loaded and not self.parameters:
+            raise InputError(f"{place}: {entry}: it is loaded; its first parameter is the force that the joint carries")
         self.enter()
 
     @functools.cached_property

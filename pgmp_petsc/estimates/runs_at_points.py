@@ -43,23 +43,22 @@ class RunsAtPoints:
             return cls(model, None, {})
         scene, n = model.scene, len(points)
         values = {name: np.array([point[name] for point in points]) for name in points[0]}
-        estimated = is_estimated(scene)
+        indicator = indicator_of(model) if is_estimated(scene) else None
         whole = Estimate.nothing(model.outputs.functions, n)
-        indicator = indicator_of(model) if estimated else None
         validity = {name: np.full(n, np.nan) for name in VALIDITY}
 
         def run(attempt: Attempt) -> Run:
             own = {name: of[attempt.samples] for name, of in values.items()}
             system = model.batch(own, attempt.samples.size)
-            seen = [validity_of := Validity(model, system, own, attempt.simulation)]
+            seen, watched = Validity(model, system, own, attempt.simulation), None
             if indicator is not None:
                 watched = indicator.stepped(attempt.simulation).watch(system, np.arange(attempt.samples.size))
-                seen.append(watched)
+            watches = [seen] if watched is None else [seen, watched]
             with np.errstate(all="ignore"):  # a run that fails has no estimate
-                done = integrate(system, attempt.simulation, observer=Together(seen))
-                if indicator is not None:
+                done = integrate(system, attempt.simulation, observer=Together(watches))
+                if watched is not None:
                     whole.put(attempt.samples.tolist(), watched.estimate(done.status))
-            for name, largest in validity_of.extremes.items():
+            for name, largest in seen.extremes.items():
                 validity[name][attempt.samples] = largest
             return done
 
@@ -70,7 +69,7 @@ class RunsAtPoints:
             why = f"the run at {where} stopped at {outcome.failure_time[sample]:.4g} s: "
             for reasons in whole.absent.values():
                 reasons[sample] = why + Status(outcome.status[sample]).meaning
-        return cls(model, whole if estimated else None, validity)
+        return cls(model, None if indicator is None else whole, validity)
 
     def not_known(self, what: str, names: Iterable[str] = ()) -> Remark:
         """Return why the model's own part of some figures, which are of outputs with these names, is not known."""

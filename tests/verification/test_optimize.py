@@ -13,14 +13,17 @@ from runs import reduced_model
 from pgmp_petsc.base.errors import InputError, PgmpError, RunError
 from pgmp_petsc.design import optimization
 from pgmp_petsc.design.derivatives import Dual, read_constraint, read_goal, sensitivities
+from pgmp_petsc.design.fitting import MeasuredHistory, fit
 from pgmp_petsc.design.optimization import DesignFigures, Question, _searched, designed_parameters, optimize
 from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.rare_run import run_rare_event
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.estimates.runs_at_points import RunsAtPoints
 from pgmp_petsc.gradients.differences import Off
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Design
+from pgmp_petsc.scene.numerics import Event
 from pgmp_petsc.texts.studies import design_lines
 from scenes import PENDULUM, STEEL, of_text, slider_crank
 
@@ -142,6 +145,16 @@ def test_that_a_model_does_not_hold_reaches_what_is_made_of_its_runs() -> None:
         assert [one[: len(expected)] for one, expected in zip(told, beyond, strict=True)] == beyond
     told = sensitivities(model, ["r"], MPI.COMM_SELF).record.remarks
     assert any(f"2 of 2 runs (as given, and with each parameter changed): {text}" in one.text for one in told)
+    sags = MeasuredHistory(found.time, {"sag": np.full(found.time.size, -0.14)})
+    assert any(one.text.startswith(text) for one in fit(model, sags, ["r"], {}, MPI.COMM_SELF).record.remarks)
+
+
+def test_that_a_model_does_not_hold_reaches_probabilities() -> None:
+    law = '{name="norm", loc=1e-3, scale=5e-5}'
+    model = reduced_model(bending(f"parameters.r={{nominal=1e-3, bounds=[0.8e-3, 20e-3], distribution={law}}}"))
+    found = run_rare_event(model, Event(output="sag", below=-0.14), 500, 1, MPI.COMM_SELF)
+    n = r"(\d) of \1 samples that are nearest to the level: elastic rotations of"
+    assert any(re.match(n, remark.text) for remark in found.record.remarks)
 
 
 class OneOfTwo:
@@ -169,6 +182,9 @@ def test_a_search_says_what_it_has_found(wound: ReducedModel) -> None:
     figures = DesignFigures(wound, Question(read_goal("maximise push", *known), constraints, ("push",)), MPI.COMM_SELF)
     figures.at(figures.start)
     assert figures.progress.found == "design 1: push = 1, 1 of 2 constraints missed"
+    figures = DesignFigures(wound, Question(read_goal(" minimise(push)", *known), (), ("push",)), MPI.COMM_SELF)
+    figures.at(figures.start)
+    assert figures.progress.found == "design 1: (push) = 1"
 
 
 def test_more_of_a_figure_is_wanted(wound: ReducedModel) -> None:
