@@ -63,6 +63,7 @@ GAINED = 1e-5  # of the goal's size, from which on a search from where another o
 ACTIVE = 1e-4  # of a constraint's size that it may have to spare, and stands in the way all the same
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
+BESIDE = 1e-3  # of a parameter's size, to either side of a design: more than what printed digits leave out
 PATIENCE = 2  # times the parameters and one: iterations in which a search shows whether it gets nearer to constraints
 BALANCED = 0.1  # what slopes of length 1 that contradict one another leave in sum: derivatives may be off by so much
 STUCK = -2  # status of a search that gets no nearer to constraints that it has not met
@@ -217,7 +218,8 @@ class DesignFigures:
 
     def _of_sample(self, design: np.ndarray, sample: int) -> list[Dual]:
         question, values = self._question, self.values(design, sample)
-        outcome = Outcome(self._run(values, sample), values, question.names)
+        of = "" if self._offsets is None else f", sample {sample}"
+        outcome = Outcome(self._run(values, question.names, of), values, question.names)
         if sample == 0:  # of rank 0
             self._sides = [abs(constraint.right(outcome).value) for constraint in question.constraints]
         found = [_signed(question.goal.sense, question.goal.expression(outcome))]
@@ -234,17 +236,14 @@ class DesignFigures:
                 )
         return found
 
-    def _run(self, values: Mapping[str, float], sample: int) -> DifferentiatedRun:
-        names = self._question.names
+    def _run(self, values: Mapping[str, float], names: Sequence[str], of: str = "") -> DifferentiatedRun:
         try:
             run = differentiate(self._model, values, names)
             self.off = max(self.off, run.off)
             return run
         except PgmpError as error:
-            where = values_text(self.scene, {name: values[name] for name in names}) + (
-                "" if self._offsets is None else f", sample {sample}"
-            )
-            raise type(error)(f"at {where}: {error}") from error
+            where = values_text(self.scene, {name: values[name] for name in self._question.names})
+            raise type(error)(f"at {where}{of}: {error}") from error
 
     def robust(self, duals: Sequence[Dual]) -> Dual:
         """Return mean and deviations of the samples' numbers, in the order of the samples."""
@@ -269,11 +268,24 @@ class DesignFigures:
         sides = self._comm.bcast(self._sides)
         return np.array([size or abs(dual.value) or 1.0 for size, dual in zip(sides, duals)])
 
-    def nominal_run(self, design: np.ndarray, comm: Comm) -> DifferentiatedRun:
-        """Return the run of a design without deviations. Collective on `comm`."""
-        values = self._model.scene.values | dict(zip(self._question.names, map(float, design)))
-        with agreed(comm, "run of the design"):
-            return differentiate(self._model, values, ())
+    def nominal_run(self, design: np.ndarray) -> DifferentiatedRun:
+        """Return the run of a design without deviations."""
+        return self._run(self._model.scene.values | dict(zip(self._question.names, map(float, design))), ())
+
+    def stopped_beside(self, design: np.ndarray) -> list[PgmpError]:
+        """Return why runs stop that have one parameter a little to either side of a design, between its limits; of
+        robust ones samples tell. Collective."""
+        steps = np.diag(BESIDE * np.where(design != 0.0, design, self.scale))
+        moved = [] if self._offsets is not None else [design + step for one in steps for step in (-one, one)]
+        near = [one for one in moved if np.all((self.limits[:, 0] <= one) & (one <= self.limits[:, 1]))]
+        comm, mine = self._comm, []
+        with agreed(comm, "runs beside the design"):
+            for k in range(comm.rank, len(near), comm.size):
+                try:
+                    self.nominal_run(near[k])
+                except PgmpError as error:
+                    mine.append((k, error))
+        return [error for _, error in sorted(pair for part in comm.allgather(mine) for pair in part)]
 
 
 def _signed(sense: float, dual: Dual) -> Dual:
@@ -307,10 +319,12 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     converged = done.status in (0, DESCENT_ENDED) and not missed
     confidence = model.scene.ensemble.confidence
     ends = figures.intervals(confidence)
-    begun, ended = (figures.nominal_run(x, comm) for x in (start, best))
+    with agreed(comm, "runs of the design"):
+        begun, ended = map(figures.nominal_run, (start, best))
     values = model.scene.values | dict(zip(question.names, map(float, best)))
     with timings.phase("errors"), doing("errors of the design"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, figures, best, ended) if comm.rank == 0 else ()
+    beside = figures.stopped_beside(best)
     contradicting = _contradicting(question, figures, best, last, sizes)
     astray = {
         "derivatives jump where contacts come and go": ended.contacts,
@@ -319,7 +333,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     remarks = (
         *_of_end(done, question, last, missed, contradicting, astray), *comm.bcast(own),
         *served_remarks(model, question.names),
-        *figures.turned_back.remarks,
+        *figures.turned_back.remarks, *_of_edge(question, beside),
         *_of_limits(question, figures, best, [*first, *last]),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
@@ -539,6 +553,18 @@ def _of_own_error(
         here, there = ([what.size * figure(part, what.sense, of) for part in parts] for of in (runs, better))
         told.append((f"'{what.text}'", here[0], there[0], max(map(abs, here))))
     return (*of_figures(told), *beyond)
+
+
+@gathered
+def _of_edge(question: Question, stopped: Sequence[PgmpError]) -> Iterator[Remark]:
+    """Return that runs stop beside a design, and why the first of them does."""
+    if stopped:
+        named = counted(len(stopped), "run")
+        yield warning(
+            f"the design is at the edge of what can be run: {percent(BESIDE)} to one side of it "
+            f"{'a run stops' if len(stopped) == 1 else f'{named} stop'}, first {stopped[0]}; keep away from there by "
+            "narrower bounds or one more constraint, as values with fewer digits may stop as well"
+        )
 
 
 def _at_limits(figures: DesignFigures, best: np.ndarray) -> Iterator[tuple[int, str]]:

@@ -259,6 +259,20 @@ def test_a_search_turns_back_from_where_a_run_stops(wound: ReducedModel, monkeyp
     assert "the run stopped at 1 ms; what lies beyond was not searched, and" in told
 
 
+def test_a_design_beside_which_runs_stop_says_so(wound: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a design of 2 N m, a thousandth is tried to either side."""
+
+    def stopping(model: ReducedModel, values: dict[str, float], names: tuple[str, ...]) -> DifferentiatedRun:
+        if 1.9975 < values["push"] < 1.9985:
+            raise RunError("the run stopped at 1 ms")
+        return differentiate(model, values, names)
+
+    monkeypatch.setattr(optimization, "differentiate", stopping)
+    found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
+    (told,) = [remark.text for remark in found.record.remarks if "at the edge" in remark.text]
+    assert "0.1 % to one side of it a run stops, first at push = 1.998" in told and found.converged
+
+
 def test_a_search_turns_back_from_where_the_ends_of_a_stop_cross() -> None:
     stop = 'effects.stop={type="end_stop",joint="hinge",lower=-1.0,upper="top",stiffness=50.0}'
     model = reduced_model(winding(stop, 'parameters.top={nominal=1.0,unit="rad",bounds=[-2.0,2.0]}'))
