@@ -138,7 +138,8 @@ class Position(OnTheGround):
 
 
 class Displacement(OnTheGround):
-    """Position of a point along an axis minus that at the start of the run (m)."""
+    """Position of a point along an axis minus that of the rigid mechanism at the start of the run (m): where that starts
+    in equilibrium, static deformation and what springs give way count."""
 
     type: Literal["displacement"]
     of_deformation = True  # where the mechanism rests

@@ -37,7 +37,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.bodies.shape import Shapes, has_long_axis
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.declare.ideas import EFFECTS
-from pgmp_petsc.effects import actions_of, effects_of, loads_of, springs_of_joints, start_of
+from pgmp_petsc.effects import actions_of, effects_of, loads_of, start_of
 from pgmp_petsc.effects.reduction_terms import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.effects.springs import Block, linear_springs
 from pgmp_petsc.estimates.own_error import condensed_alone
@@ -327,8 +327,7 @@ def _shares_of_terms(
     instants = _instants(run, kinematics)
     scales = np.array([coordinate.scale(kinematics.size) for coordinate in kinematics.coordinates])
     by_speed, by_acceleration, stiffening, spins, rotations = [], [], [0.0], [0.0], [0.0]
-    own = actions_of(springs_of_joints(scene, mechanism))
-    springs = SpringStiffness(kinematics, linear_springs(own), scene.values)
+    springs = SpringStiffness(kinematics, linear_springs(actions_of(effects)), scene.values)
     with ModalProblem(kinematics, scene.values, 1, alone(), matrices) as problem:
         turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
         stress = BuiltInStress(problem, scene, shapes)
@@ -362,12 +361,15 @@ def _shares_of_terms(
 def _given_way(released: np.ndarray, springs: Sequence[Block], forces: np.ndarray, mechanism: Mechanism) -> float:
     """Return the largest rotation of a node by what elastic joints give way at rest under forces (n_dofs,), rad.
 
-    `released` are the motions that they allow with the coordinates held, shape (n_dofs, n_released).
+    `released` are the motions that they allow with the coordinates held, shape (n_dofs, n_released), against which
+    their own springs act, and others.
     """
     if not released.shape[1]:
         return 0.0
-    stiffness = sum(released[one.dofs].T @ one.matrix @ released[one.dofs] for one in springs)
-    moved = released @ np.linalg.lstsq(np.atleast_2d(stiffness), released.T @ forces, rcond=None)[0]
+    stiffness = np.zeros(2 * released.shape[1:])
+    for one in springs:
+        stiffness += released[one.dofs].T @ one.matrix @ released[one.dofs]
+    moved = released @ np.linalg.lstsq(stiffness, released.T @ forces, rcond=None)[0]
     return float(np.max(np.linalg.norm(mechanism.by_node(moved)[:, mechanism.space.dimension :], axis=1)))
 
 

@@ -182,10 +182,18 @@ def test_a_frame_follows_its_mounts():
         assert [found["left"][0], found["mid"][0]] == pytest.approx([1e-3, 5e-4], rel=1e-6), name
 
 
-def test_sizes_of_effects_have_what_joints_give_way():
-    """The machine under its weight on soft mounts: their rotation at rest is that of the full-order run. The choice of
-    effects takes terms of second order for it."""
-    sunk = *SUNK[machine], *AT_REST, "effects={weight={type='gravity'}}"
+BUSHED = (
+    "joints.one.elastic.stiffness=[0.0,0.0]", "joints.two.elastic.stiffness=[0.0,0.0]",
+    "effects.left={type='bushing',points=['ground:left','frame:hinge'],reference=[[1.0,0.0]],stiffness=[1e6,4e4]}",
+    "effects.right={type='bushing',points=['ground:right','frame:tip'],reference=[[1.0,0.0]],stiffness=[1e6,1e4]}",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("held", [(), BUSHED], ids=["by joints", "by bushings alone"])
+def test_sizes_of_effects_have_what_joints_give_way(held):
+    """The machine under its weight on soft mounts: their rotation at rest is that of the full-order run, whatever
+    springs hold it. The choice of effects takes terms of second order for it."""
+    sunk = *SUNK[machine], *AT_REST, "effects={weight={type='gravity'}}", *held
     scene = machine(*sunk, "outputs={turn={type='rotation',point='frame:middle'}}")
     turned = abs(run(scene, "full")[1]["turn"][0])
     found = {size.kind: size for size in estimate_effects(scene, meshes_of(scene)).sizes}
