@@ -106,7 +106,7 @@ class StepErrors:
 
     time: np.ndarray  # instants, shape (n_e,), s
     outputs: dict[str, np.ndarray]  # error of each output, shape (n_e,): the run's less what it should be
-    lost_hz: float  # frequency of the largest vibration whose phase the run loses, NaN where there is none worth naming
+    lost_hz: float  # frequency of the vibration whose phase the run loses most, NaN where there is none worth naming
     lost_within: tuple[float, float]  # from when to when, s
     unsure: str  # why the order of the error is not known; empty where it is
 
@@ -355,7 +355,7 @@ class Bands:
         self, fine: np.ndarray, apart: np.ndarray, between: np.ndarray, kinked: np.ndarray, cornered: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return how far vibrations out of phase are off in every window, shape (n_windows, k), and ``omega h`` of the
-        largest, shape (k,), of k outputs after every step, shape (n, k).
+        one that is off most, shape (k,), of k outputs after every step, shape (n, k).
 
         By how much the coarser run differs, shape (n, k), is a spline through its outputs less the run's, `between`,
         and one through the differences at its instants, `apart`: corners are in the first one alone. Which outputs have
@@ -397,7 +397,7 @@ class Bands:
             most[k] = np.maximum(most[k], kept[k - 1] * before)
             found[k] = np.where(out[k], np.minimum(off, np.maximum(before, most[k])), 0.0)
             off = np.where(out[k], np.minimum(off, most[k]), resolved[k])
-        weights = np.where(out, amplitudes**2, 0.0).sum(axis=0)
+        weights = (found**2).sum(axis=0)
         loudest = np.where(weights.any(axis=1), self.turns[weights.argmax(axis=1)], np.nan)
         # as the vibration itself, each band by its share
         lost = np.fft.irfft(spectra * found / np.maximum(amplitudes, TINY), axis=2)
