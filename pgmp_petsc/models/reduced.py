@@ -289,7 +289,8 @@ class ReducedMultipliers:
         together = min(together, AT_ONCE)  # of what is not side by side too
         for first in range(0, n if self._drives else 0, together):
             some = slice(first, min(first + together, n))
-            system = self._system_of(some.stop - first, {name: one[some] for name, one in values.items()})
+            alike = slice(first, first + min(n_samples, some.stop - first))
+            system = self._system_of(alike.stop - first, {name: one[alike] for name, one in values.items()})
             found[self._n_held :, some] = self._of_drives(system, times[some], _part(states, some))
         return found
 
@@ -363,7 +364,9 @@ class ReducedMultipliers:
         return found
 
     def _of_drives(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
-        return -system.residuals_at(times, state)[:, sorted(self._motions)].T
+        parts = [part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v, state.a)]
+        found = system.residuals_over(times.reshape(-1, system.n_samples), np.stack(parts, axis=1))
+        return -found.reshape(times.size, -1)[:, sorted(self._motions)].T
 
     def _node_loads(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
         """Return what local effects do to their nodes in states of a system's samples, at one instant after the other,

@@ -211,6 +211,16 @@ def correct(equations, memory, room, strengths, state, gains, active, fresh, siz
         store(size, block, select(active[block], found, spread(0.0)))
 
 
+@njit(inline="always")
+def act_at(equations, memory, room, block, amplitudes, lanes, gain_v, with_tangent):
+    """Evaluate all local effects in some lanes of a block at q and rate of ``room.work``; see `act`."""
+    act(
+        equations.local, equations.local.all, equations.grid, amplitudes, room.work.q, room.work.rate,
+        memory.samples[block], lanes, spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, room.local,
+        places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
+    )  # fmt: skip
+
+
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
 def act_on(equations, memory, room, amplitudes, trail, active, gain_v, with_tangent, known):
     """Evaluate the local effects on samples in sets of active lanes (n_blocks,) at several instants, the last of which
@@ -219,7 +229,7 @@ def act_on(equations, memory, room, amplitudes, trail, active, gain_v, with_tang
     Actions have amplitudes at every instant, of the sample in each lane, (n_t, n_blocks, n_actions, LANES); the trail
     has positions and velocities, (n_t, 2, n_samples, n_eta), and what else is behind them.
     """
-    work, local, n_actions = room.work, room.local, amplitudes.shape[2]
+    work, n_actions = room.work, amplitudes.shape[2]
     for block in range(active.size):
         if active[block] == 0:
             continue
@@ -227,11 +237,7 @@ def act_on(equations, memory, room, amplitudes, trail, active, gain_v, with_tang
         for instant in range(trail.shape[0]):
             gather(trail[instant, 0], samples, work.q)
             gather(trail[instant, 1], samples, work.rate)
-            act(
-                equations.local, equations.local.all, equations.grid, amplitudes[instant, block], work.q, work.rate,
-                samples, active[block], spread(gain_v), with_tangent, with_tangent and gain_v != 0.0, local,
-                places_of(memory, block), acting_of(memory, block), memory.known, memory.depths,
-            )  # fmt: skip
+            act_at(equations, memory, room, block, amplitudes[instant, block], active[block], gain_v, with_tangent)
             for lane in range(LANES):
                 if active[block] & (1 << lane):
                     for row in range(known.shape[2]):
@@ -255,19 +261,23 @@ def load_on(equations, memory, room, amplitudes, trail, loads):
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)
-def evaluate_residual(equations, memory, room, loads, state, result):
-    """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force.
+def evaluate_residuals(equations, memory, room, strengths, trail, active, residuals):
+    """Evaluate the residuals of samples in sets of active lanes (n_blocks,) at several instants, (n_t, n_samples,
+    n_eta); of prescribed coordinates they are driving forces. Local effects of the last one stay in the memory.
 
-    Lanes have amplitudes of loads of their own, (n_blocks, n_effects, LANES). Local effects are as they were evaluated
-    last.
+    Loads and actions have amplitudes at every instant, of the sample in each lane, `strengths` of (n_t, n_blocks,
+    n_effects or n_actions, LANES); the trail has positions, velocities and accelerations, (n_t, 3, n_samples, n_eta).
+    A block goes through all instants: it enters a cell once, and its tables stay in the processor's cache.
     """
-    work = room.work
-    for block in range(memory.cells.shape[0]):
-        take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, room, block, loads[block], (spread(0.0), spread(0.0)), np.bool_(False))
-        # lanes behind the last sample have no local effects
-        count = min(LANES, result.shape[0] - block * LANES)
-        scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
+    work, at_rest, (loads, amplitudes) = room.work, (spread(0.0), spread(0.0)), strengths
+    for block in range(active.size):
+        samples = memory.samples[block]
+        for instant in range(trail.shape[0]):
+            take_up((trail[instant, 0], trail[instant, 1], trail[instant, 2]), samples, work)
+            if amplitudes.shape[2] > 0:
+                act_at(equations, memory, room, block, amplitudes[instant, block], active[block], 0.0, np.bool_(False))
+            evaluate_block(equations, memory, room, block, loads[instant, block], at_rest, np.bool_(False))
+            scatter(work.balance, samples, active[block], residuals[instant])
 
 
 @njit(cache=True, entry=True, error_model="numpy", counted=False)

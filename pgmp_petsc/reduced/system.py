@@ -22,7 +22,7 @@ from pgmp_petsc.reduced.action_kernel import ABOUT, FORCE, POWER, STORED, Acting
 from pgmp_petsc.reduced.actions import ReducedActions, ReducedStrengths
 from pgmp_petsc.reduced.arrays import Room, Strengths
 from pgmp_petsc.reduced.control import Control
-from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residual, fill_matrices, find_all_carried, load_on
+from pgmp_petsc.reduced.kernel import act_on, correct, evaluate_residuals, fill_matrices, find_all_carried, load_on
 from pgmp_petsc.reduced.lagrangian import damping_power, load_powers, reduced_energy
 from pgmp_petsc.reduced.sample_lanes import ReducedLanes
 from pgmp_petsc.reduced.steps import Clocks, Progress, advance
@@ -33,7 +33,6 @@ from pgmp_petsc.stepping.status import Status
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 LARGEST = 2**20  # numbers that are written down, of all samples and steps
 STATES_AT_ONCE = 2**16  # states whose outputs are evaluated together
-RESIDUALS = 2**9  # samples, at all instants, whose residuals are evaluated together
 FURTHEST = 2**21  # numbers of all samples and steps: in more of them samples that began side by side drift apart
 STARTING_CORRECTIONS = 4  # one where stiffness does not change with the deformation
 
@@ -260,20 +259,19 @@ class ReducedSystem(SecondOrderSystem):
 
         In the rows of prescribed coordinates it is the force (N m) that drives them.
         """
-        return self.residuals_at(np.full(self.n_samples, time), state, self._amplitudes(np.array([time])))
+        return self.residuals_over(np.array([time]), np.array([[state.q, state.v, state.a]]))[0]
 
-    def residuals_at(self, times: np.ndarray, state: State, amplitudes: np.ndarray | None = None) -> np.ndarray:
-        """Return the residuals of samples that are each at a time of its own, (n_samples,), s; see `residual`.
-
-        Amplitudes of the actions are those of the times, or given, (1, 1 or n_samples, n_actions).
-        """
-        strengths = self._strengths.over(times)
-        given = strengths.actions[None] if amplitudes is None else amplitudes
-        self._known(times[:1], np.array([[state.q, state.v]]), amplitudes=given)
-        result = np.empty_like(state.q)
-        parts = tuple(np.ascontiguousarray(part) for part in _parts(state))  # one layout, one compiled function
-        evaluate_residual(*self._passed, self._lanes.packed(strengths.loads.T), parts, result)
-        return result
+    def residuals_over(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
+        """Return the residuals at times (n_t,) in states (n_t, 3, n_samples, n_eta), shape (n_t, n_samples, n_eta); see
+        `residual`. Where samples are each at a time of its own, (n_t, n_samples), no controller acts."""
+        given, n_own = self._strengths.over(times.ravel()), times.size // len(times)
+        loads, amplitudes = (of.reshape(len(times), n_own, of.shape[1]) for of in (given.loads, given.actions))
+        if times.ndim == 1:
+            amplitudes = self._amplitudes(times)
+        strengths, everyone = tuple(map(self._lanes.packed_over, (loads, amplitudes))), np.ones(self.n_samples, bool)
+        found = np.empty((len(times), *trail.shape[2:]))
+        evaluate_residuals(*self._passed, strengths, np.ascontiguousarray(trail), self._lanes.sets(everyone), found)
+        return found
 
     def node_loads(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return what local effects do to displacements and rotations of their nodes in body frames, in states (n_t, 2,
@@ -302,7 +300,8 @@ class ReducedSystem(SecondOrderSystem):
         """Return energies and powers, from the same tables as the equations of motion; parameter values may be
         numbers."""
         trail = states.motion
-        n, residual = times.size * self.n_samples, self._residuals(times, trail)
+        n = times.size * self.n_samples
+        residual = self.residuals_over(times, trail) if self._motions else np.zeros_like(trail[:, 0])
         known = self._known(times, trail).reshape(n, 3, len(self._actions.actions))
         values = values or {name: np.tile(value, times.size) for name, value in self.values.items()}
         instants = np.repeat(times, self.n_samples)
@@ -320,28 +319,6 @@ class ReducedSystem(SecondOrderSystem):
         for k, motion in self._motions.items():
             energies.add_power(motion.name, residual[:, k] * v[:, k])
         return energies
-
-    def _residuals(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
-        """Return the residuals at times (n_t,), shape (n_t, n_samples, n_eta); zeros if no coordinate is prescribed."""
-        found, n = np.zeros_like(trail[:, 0]), self.n_samples
-        if not self._motions:
-            return found
-        together, own = max(1, RESIDUALS // n), self._equations.local.actions.parameters[self.controlled]
-        for first in range(0, times.size, together):
-            some = slice(first, first + together)
-            k = times[some].size
-            if first == 0 or k < together:  # a batch that has every sample k times
-                values = {name: np.tile(value, k) for name, value in self.values.items()}
-                given = None if self.built_in is None else np.tile(self.built_in, k)
-                many = ReducedSystem(
-                    self._terms, self._effects, values, self._initial, k * n, self._motions, self._actions, given
-                )
-                many.put_forces(np.tile(own, (k, 1)))
-            state = State(*np.moveaxis(trail[some], 1, 0).reshape(3, k * n, -1), np.zeros(0))
-            acting = np.broadcast_to(self._amplitudes(times[some]), (k, n, len(self._actions.actions)))
-            acting = acting.reshape(1, k * n, acting.shape[2])
-            found[some] = many.residuals_at(np.repeat(times[some], n), state, acting).reshape(k, n, -1)
-        return found
 
     @property
     def load_weights(self) -> np.ndarray:
@@ -454,19 +431,17 @@ class ReducedSystem(SecondOrderSystem):
 
     def _known(
         self, times: np.ndarray, trail: np.ndarray, active: np.ndarray | None = None, gain_v: float = 0.0,
-        with_tangent: bool = False, amplitudes: np.ndarray | None = None,
+        with_tangent: bool = False,
     ) -> np.ndarray:  # fmt: skip
         """Evaluate the actions on active samples, or on all, at times (n_t,); return what is known of them, (n_t,
-        n_samples, 3, n_actions), as of `act`. Amplitudes are those of the times, or given, (n_t, 1 or n_samples,
-        n_actions)."""
+        n_samples, 3, n_actions), as of `act`."""
         lanes = self._lanes.sets(np.ones(self.n_samples, dtype=bool) if active is None else active)
         found = np.zeros((times.size, self.n_samples, 3, len(self._actions.actions)))
         if found.size:
-            given = self._amplitudes(times) if amplitudes is None else amplitudes
+            amplitudes = self._lanes.packed_over(self._amplitudes(times))
             act_on(
-                *self._passed, self._lanes.packed_over(given), np.ascontiguousarray(trail), lanes, gain_v,
-                np.bool_(with_tangent), found,
-            )  # fmt: skip
+                *self._passed, amplitudes, np.ascontiguousarray(trail), lanes, gain_v, np.bool_(with_tangent), found
+            )
         return found
 
     def _amplitudes(self, times: np.ndarray) -> np.ndarray:
