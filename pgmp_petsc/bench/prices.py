@@ -57,7 +57,7 @@ from pgmp_petsc.mechanism.constraint_set import null_space
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism, constraint_jacobian
 from pgmp_petsc.models.lengths import why_of_one_mesh
-from pgmp_petsc.outputs.joint_forces import InJoint
+from pgmp_petsc.outputs.joint_forces import InJoint, OfDrive
 from pgmp_petsc.outputs.stress import points_of
 from pgmp_petsc.reduction.length_family import why_no_family
 from pgmp_petsc.results.numbers import plain
@@ -217,6 +217,8 @@ def _found_in_lanes(scene: Scene, mechanism: Mechanism, m: int, read: set[str]) 
             masses * (inertia * (1 + bent) + r * bent) + stiffnesses * (m + bent * (m + 1) // 2)
         )  # fmt: skip
         found += EFFECT * n_local(scene) + PULLED * pulled
+        if any(isinstance(one, OfDrive) for one in outputs):  # by the equations of motion, as a step solves them
+            found += reduced_step(m, r, scene.second_order, n_local(scene))
     if "stresses" in read:
         stressed = {body.name: body for body in mechanism.bodies if body.name in stressed_bodies(scene)}
         k = sum(body.dofs.size for body in stressed.values() if not body.to_condense)
