@@ -157,7 +157,7 @@ def serving_points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
         return [scene.nominal]
     used = {name for kind in ("mass", "stiffness") for weight in solid.weights(kind) for name, _ in weight.powers}
     known = ((name, scene.parameters[name]) for name in sorted(used))  # how far from their nominal values they may be
-    varied = [name for name, one in known if one.distribution is not None or one.bounds is not None]
+    varied = [name for name, one in known if one.varies]
     spanning, n = spanning_values(scene, varied)
     # values that the body does not feel are left at the nominal ones
     points = [scene.nominal | {name: float(spanning[name][k]) for name in used} for k in range(n)]

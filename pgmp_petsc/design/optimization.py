@@ -295,7 +295,7 @@ def _signed(sense: float, dual: Dual) -> Dual:
 def designed_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
     """Return the parameters of a design: those asked for, or all with bounds or a distribution; raises as
     `chosen_parameters`."""
-    known = [n for n, p in scene.parameters.items() if p.bounds is not None or p.distribution is not None]
+    known = [n for n, p in scene.parameters.items() if p.varies]
     why = "none has bounds or a distribution, so it is not known which to design; name them, with --parameter NAME"
     return chosen_parameters(scene, asked, known, why)
 

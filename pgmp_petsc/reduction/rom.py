@@ -267,7 +267,7 @@ def ranges_of(built: Scene, names: Collection[str]) -> dict[str, Served]:
         parameter = built.parameters[name]
         nominal = parameter.nominal
         low, high = (nominal - UNSAID * abs(nominal), nominal + UNSAID * abs(nominal))
-        if parameter.distribution is not None or parameter.bounds is not None:
+        if parameter.varies:
             tried = spanning_values(built, [name])[0][name]
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]

@@ -237,6 +237,11 @@ class Parameter(Table):
         return (-np.inf, np.inf) if self.bounds is None else self.bounds
 
     @property
+    def varies(self) -> bool:
+        """Whether it has other values than the nominal one by its distribution or its bounds."""
+        return self.distribution is not None or self.bounds is not None
+
+    @property
     def range(self) -> tuple[float, float]:
         """Smallest and largest value by its bounds and its distribution; infinite where neither says an end."""
         (low, high), drawn = self._limits, self.distribution
@@ -521,8 +526,7 @@ def outermost_values(scene: AnyScene, share: float) -> dict[str, tuple[float, fl
     them; of a parameter that is not drawn `BESIDE` it."""
     spans = {}
     for name, parameter in scene.parameters.items():
-        varies = parameter.distribution is not None or parameter.bounds is not None
-        ends = _levels(scene, name, share) if varies else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
+        ends = _levels(scene, name, share) if parameter.varies else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
         spans[name] = (min(*ends, parameter.nominal), max(*ends, parameter.nominal))
     return spans
 

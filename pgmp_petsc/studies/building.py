@@ -69,9 +69,10 @@ from pgmp_petsc.results.selection import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.effects import AddedMass
 from pgmp_petsc.scene.fields import Table, quantities_of
+from pgmp_petsc.scene.parameters import OUTERMOST, outermost_values
 from pgmp_petsc.scene.references import parts_of
-from pgmp_petsc.scene.units import own_values
-from pgmp_petsc.scene.uses import count_builds, extremes, length_names
+from pgmp_petsc.scene.units import own_values, values_text
+from pgmp_petsc.scene.uses import count_builds, extremes, held, length_names, uses_of
 from pgmp_petsc.stepping.generalised_alpha import StateRecord, integrate
 from pgmp_petsc.stepping.second_order_system import State
 from pgmp_petsc.stepping.static_equilibrium import require_balance
@@ -227,11 +228,9 @@ def estimate_effects(
             shapes = condensed(scene, meshes, group, large=True)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes).straight, branch)
     run = run_rigid(scene, meshes, kinematics)
-    tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
-    # what moves a mechanism by its own size within the run
-    scale = run.mass * (size_of(kinematics.mechanism) / scene.simulation.duration) ** 2
-    exchanged = run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
-    sizes = [*_named(scene, run, exchanged, tolerance), *_terms(scene, shapes, kinematics, run, tolerance)]
+    tolerance, exchanged = scene.reduction.tolerance or DEFAULT_TOLERANCE, _exchanged(scene, kinematics, run)
+    sizes = _at_ends(scene, meshes, kinematics, _named(scene, run, exchanged, tolerance), tolerance)
+    sizes += _terms(scene, shapes, kinematics, run, tolerance)
     sizes += _unnamed(scene, run, exchanged, tolerance)
     largest = np.max(np.abs(run.speed), axis=0)
     speeds = {c.name: float(c.shown(speed)) for c, speed in zip(kinematics.coordinates, largest)}
@@ -265,6 +264,38 @@ def remarks_on_sizes(scene: Scene, meshes: Shapes, branch: PoseBranch | None = N
         remarks.append(note(f"{text}; see pgmp check --effects"))
     remarks += [note(_beside_another(size)) for size in small if size.share <= sizes.tolerance]
     return tuple(remarks)
+
+
+def _exchanged(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -> float:
+    """Return the energy that a run moves around, J; 0 where the mechanism rests."""
+    # what moves a mechanism by its own size within the run
+    scale = run.mass * (size_of(kinematics.mechanism) / scene.simulation.duration) ** 2
+    return run.balance.exchanged if run.balance.exchanged > AT_REST * scale else 0.0
+
+
+def _at_ends(
+    scene: Scene, meshes: Shapes, kinematics: RigidKinematics, sizes: Iterable[EffectSize], tolerance: float
+) -> list[EffectSize]:
+    """Return sizes of the scene's effects; of those that are small with nominal parameters, and hold some that vary,
+    the largest at either end of what these are in samples."""
+    found, ends = {size.name: size for size in sizes}, outermost_values(scene, OUTERMOST)
+    lengths, holding = length_names(scene), dict[str, set[str]]()
+    for use in uses_of(scene):
+        table, name, *_ = use.entry.split(".")
+        small = use.parameter and table == "effects" and name in found and not found[name].keeps
+        if small and use.parameter not in lengths and scene.parameters[use.parameter].varies:
+            holding.setdefault(use.parameter, set()).add(name)
+    for parameter, value in ((name, end) for name in sorted(holding) for end in ends[name]):
+        there, at = held(scene, {parameter: value}), f"at {values_text(scene, {parameter: value})}"
+        try:
+            run = run_rigid(there, meshes, kinematics)
+            again = _named(there, run, _exchanged(there, kinematics, run), tolerance)
+        except PgmpError as error:
+            again = [replace(found[name], keeps=True, measure=f"not known {at}: {error}") for name in found]
+        for size in again:
+            if size.name in holding[parameter] and (size.keeps or size.share > found[size.name].share):
+                found[size.name] = replace(size, measure=f"{size.measure}, {at}")
+    return list(found.values())
 
 
 def _named(scene: Scene, run: RigidRun, exchanged: float, tolerance: float) -> list[EffectSize]:
@@ -446,7 +477,12 @@ def choose_effects(scene: Scene, meshes: Shapes, shapes: Shapes) -> tuple[Scene,
         name, effect = given.get(term.type, (_free_name(term.type, effects), term))
         effects[name] = term if term.type == "gyroscopic" else effect
     changed = {"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
-    return scene.with_entries(effects=effects, reduction=changed), sizes
+    small = [f"{size.name} (share {size.share:.2g})" for size in sizes.sizes if size.name in {*scene.effects} - {*effects}]
+    chosen = scene.with_entries(effects=effects, reduction=changed)
+    if small:
+        said = f'reduction.effects = "auto" leaves out {", ".join(small)}; pgmp info says of what these are shares'
+        chosen = chosen.with_remarks((*chosen.remarks, note(said)))
+    return chosen, sizes
 
 
 def _free_name(wanted: str, taken: Mapping[str, object]) -> str:

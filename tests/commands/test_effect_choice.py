@@ -172,6 +172,20 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
 
 
+def test_an_effect_that_samples_have_is_not_left_out() -> None:
+    """One whose nominal strength is 0 is as large as in its largest sample; one that is small in all is named."""
+    gust = 'effects.gust={type="law",joint="crank_hinge",force="-q * sin(s)",constants={q="wind"}}'
+    for spread, is_kept in ((0.02, True), (2e-12, False)):
+        drawn = f'parameters.wind={{nominal=0.0,distribution={{name="norm",loc=0.0,scale={spread}}}}}'
+        scene, meshes = read(FOUR_BAR, TINY, gust, drawn, "simulation.step=2e-3")
+        chosen, sizes = choose_effects(scene, meshes, meshes)
+        (found,) = (size for size in sizes.sizes if size.name == "gust")
+        assert ("gust" in chosen.effects) is found.keeps is is_kept, found
+        assert re.search(r"its work, of the energy moved around, at wind = ", found.measure)
+        (told,) = (remark.text for remark in chosen.remarks if "leaves out" in remark.text)
+        assert told.startswith('reduction.effects = "auto" leaves out') and ("gust (share" in told) is not is_kept
+
+
 def test_of_what_moves_out_of_the_range_no_sizes_are_known() -> None:
     """The motion is prescribed from 0 to 0.1 rad, and the model goes from 0.45 to 0.55 rad."""
     moved = 'effects={drive={type="prescribed_motion",coordinate="theta",table=[[0.0,0.0],[0.2,0.1]]}}'
