@@ -19,6 +19,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import cache, wraps
 from os import PathLike, fsencode, fspath
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -186,8 +187,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _PLAIN = ("int", "float", "bool")  # whose value says more than its type
 
 
-# whether a command line calls, in whose words messages of the program are
-_of_command_line: ContextVar[bool] = ContextVar("of_command_line", default=False)
+# when the command line began that calls, in whose words messages of the program are; None where there is none
+_command_began: ContextVar[float | None] = ContextVar("command_began", default=None)
 # a command line that a message quotes, which stays as it is, or an option
 _OPTION = re.compile(r"pgmp (?:[^;,.)]|\.(?=\w))*|(?<![\w-])(?:--[a-z][a-z-]+|-[a-z])(?![\w-])")
 
@@ -244,7 +245,7 @@ def checked(
         try:
             return function(*bound.args, **bound.kwargs)
         except PgmpError as error:
-            if own_names and not _of_command_line.get():
+            if own_names and _command_began.get() is None:
                 error.args = (_OPTION.sub(lambda found: own_names.get(found[0], found[0]), str(error)), *error.args[1:])
             raise
 
@@ -252,13 +253,19 @@ def checked(
 
 
 @contextmanager
-def by_command_line() -> Iterator[None]:
-    """Leave messages of calls within the block in the words of a command line."""
-    token = _of_command_line.set(True)
+def by_command_line(began: float) -> Iterator[None]:
+    """Leave messages of calls within the block in the words of a command line, which began at a time (`monotonic`)."""
+    token = _command_began.set(began)
     try:
         yield
     finally:
-        _of_command_line.reset(token)
+        _command_began.reset(token)
+
+
+def began() -> float:
+    """Return when (`monotonic`) the command line began that calls, or else now."""
+    found = _command_began.get()
+    return monotonic() if found is None else found
 
 
 def wrong(what: str, received: object, allowed: str) -> InputError:

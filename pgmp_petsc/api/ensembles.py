@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.arguments import Range, began
 from pgmp_petsc.api.declared import Argument, command, interface
 from pgmp_petsc.api.ranks import solving_ranks_of
 from pgmp_petsc.api.result import Result
@@ -543,7 +542,7 @@ def montecarlo(
     Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
     --until is not met.
     """
-    start, comm = time.monotonic(), solving_ranks_of(comm)
+    start, comm = began(), solving_ranks_of(comm)
     origin = Origin.of(comm, source, model, (*overrides, *drawn_by(sampler)), parameters)
     with agreed(comm, "looking at the arguments"):
         table = Path(samples) if isinstance(samples, (str, PathLike)) else samples

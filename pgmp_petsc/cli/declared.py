@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
 from typing import Any, TextIO
 
 import click
@@ -50,6 +51,7 @@ class Session:
     quiet: bool = False  # whether `say` prints nothing
     json: bool = False  # whether the command prints its figures as JSON, and nothing else
     verbose: bool = False  # whether a terminal shows all of a report
+    began: float = field(default_factory=monotonic)  # when it was called, s
     petsc_started: bool = field(default=False, init=False)  # whether PETSc was started for the command
 
     def start_petsc(self) -> None:
@@ -127,7 +129,7 @@ def run_command(context: click.Context, command: Command, given: Mapping[str, An
         petsc_is_seen_to()
     shell = {name: given.get(name, False) for name in command.shell}
     arguments = {name: value for name, value in given.items() if name not in shell}
-    with by_command_line():
+    with by_command_line(session.began):
         function = command.function if command.choose is None else command.choose(arguments, session.comm)
         named = command.given_to(function, arguments)
         _refuse_incomplete(command, function, named)

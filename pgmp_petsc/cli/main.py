@@ -102,6 +102,7 @@ def pgmp(context: click.Context) -> None:
 
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
+    began = time.monotonic()
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
     # the validation of scenes has no plug-ins; all installed packages would be looked through for some
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
@@ -114,7 +115,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
         sys.exit(error.exit_status)
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
-    session = Session(comm, petsc_options)
+    session = Session(comm, petsc_options, began=began)
     with ending_on_signals(comm.rank):
         status, message = _run(own, session)
     gc.enable()

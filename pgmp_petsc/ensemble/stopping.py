@@ -204,7 +204,10 @@ def looks(unit: int, most: int) -> Iterator[int]:
     yield most
 
 
-RESERVE = 0.95  # of a budget, for the samples
+RESERVE = 0.9  # of a budget, for the samples
+LEAST = 0.03  # of it, for which no further ones begin
+ENDING = 0.7  # s, and no more than half of the budget, which figures and the file take behind them at least
+SURE = 0.8  # of what is left for samples, which the next ones are to take: their times vary
 PROBE = 8  # samples that tell what one takes
 MOST = 10**9
 
@@ -221,7 +224,10 @@ class Stop:
     @property
     def left(self) -> float:
         """Rest of the budget, s."""
-        return np.inf if self.budget is None else RESERVE * self.budget - (time.monotonic() - self.start)
+        if self.budget is None:
+            return np.inf
+        for_samples = min(RESERVE * self.budget, self.budget - min(ENDING, 0.5 * self.budget))
+        return for_samples - (time.monotonic() - self.start)
 
 
 @dataclass(frozen=True)
@@ -284,12 +290,12 @@ def stages(
         """Return how many more samples are within the budget, a multiple of `unit`: rank 0 decides for all."""
         n = None
         if comm.rank == 0:
-            if stop.left < (1.0 - RESERVE) * stop.budget:
+            if stop.left < LEAST * stop.budget:
                 n = 0
             elif seconds is None:
                 n = -(-PROBE // unit) * unit
             else:
-                n = int(min(stop.left / seconds, MOST)) // unit * unit
+                n = int(min(SURE * stop.left / seconds, MOST)) // unit * unit
         return comm.bcast(n)
 
     for n in looks(unit, most):

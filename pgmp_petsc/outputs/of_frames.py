@@ -138,8 +138,8 @@ class Position(OnTheGround):
 
 
 class Displacement(OnTheGround):
-    """Position of a point along an axis minus that of the rigid mechanism at the start of the run (m): where that starts
-    in equilibrium, static deformation and what springs give way count."""
+    """Position of a point along an axis minus that of the rigid mechanism at the start of the run (m): where a run
+    starts in equilibrium, static deformation and what springs give way count."""
 
     type: Literal["displacement"]
     of_deformation = True  # where the mechanism rests

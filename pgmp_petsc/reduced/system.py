@@ -439,9 +439,7 @@ class ReducedSystem(SecondOrderSystem):
         found = np.zeros((times.size, self.n_samples, 3, len(self._actions.actions)))
         if found.size:
             amplitudes = self._lanes.packed_over(self._amplitudes(times))
-            act_on(
-                *self._passed, amplitudes, np.ascontiguousarray(trail), lanes, gain_v, np.bool_(with_tangent), found
-            )
+            act_on(*self._passed, amplitudes, np.ascontiguousarray(trail), lanes, gain_v, np.bool_(with_tangent), found)
         return found
 
     def _amplitudes(self, times: np.ndarray) -> np.ndarray:

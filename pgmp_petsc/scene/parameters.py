@@ -526,7 +526,11 @@ def outermost_values(scene: AnyScene, share: float) -> dict[str, tuple[float, fl
     them; of a parameter that is not drawn `BESIDE` it."""
     spans = {}
     for name, parameter in scene.parameters.items():
-        ends = _levels(scene, name, share) if parameter.varies else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
+        ends = (
+            _levels(scene, name, share)
+            if parameter.varies
+            else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
+        )
         spans[name] = (min(*ends, parameter.nominal), max(*ends, parameter.nominal))
     return spans
 

@@ -477,10 +477,11 @@ def choose_effects(scene: Scene, meshes: Shapes, shapes: Shapes) -> tuple[Scene,
         name, effect = given.get(term.type, (_free_name(term.type, effects), term))
         effects[name] = term if term.type == "gyroscopic" else effect
     changed = {"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
-    small = [f"{size.name} (share {size.share:.2g})" for size in sizes.sizes if size.name in {*scene.effects} - {*effects}]
+    left = [size for size in sizes.sizes if size.name in scene.effects and size.name not in effects]
     chosen = scene.with_entries(effects=effects, reduction=changed)
-    if small:
-        said = f'reduction.effects = "auto" leaves out {", ".join(small)}; pgmp info says of what these are shares'
+    if left:
+        small = ", ".join(f"{size.name} (share {size.share:.2g})" for size in left)
+        said = f'reduction.effects = "auto" leaves out {small}; pgmp info says of what these are shares'
         chosen = chosen.with_remarks((*chosen.remarks, note(said)))
     return chosen, sizes
 
