@@ -37,7 +37,7 @@ from pgmp_petsc.ensemble.checkpoint import Shards, remove_checkpoint
 from pgmp_petsc.ensemble.description import describe_shards
 from pgmp_petsc.ensemble.integration import read_earlier, run_ensemble
 from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard, called, read_samples
-from pgmp_petsc.ensemble.sampling import refuse_drawn
+from pgmp_petsc.ensemble.sampling import FEW_OF_BETTER, refuse_drawn, unit_of_better
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
 from pgmp_petsc.mechanism.mechanism import TABLES
@@ -190,7 +190,6 @@ def _meshes(one: Correction, own: Model, origin: Origin, comm: Comm) -> Mapping[
     return shapes
 
 
-FEW = 4  # samples of a better model to each Sobol sequence
 LONGEST = 1e8  # s, of a budget
 
 
@@ -300,11 +299,12 @@ class Request:
             why = "intervals of several models are those of independent samples, or of replicates of Sobol sequences"
             raise InputError(f"--correct with the sampler {sampler}: {why}; take random or sobol")
         replicates = scene.ensemble.replicates
+        unit = unit_of_better(replicates)
         for one in self.correct if sampler == "sobol" else ():
-            if one.n is None or one.n % (FEW * replicates):
-                each = f"every one of {replicates} sequences (ensemble.replicates) needs as many samples, and {FEW}"
-                cure = f"give a multiple of {FEW * replicates}"
-                raise InputError(f"--correct {one.text}: with the sampler sobol {each} at least; {cure}")
+            if one.n is not None and one.n % unit:
+                each = f"every one of {replicates} sequences (ensemble.replicates) needs as many samples"
+                why = f"with the sampler sobol {each}, and {FEW_OF_BETTER} at least"
+                raise InputError(f"--correct {one.text}: {why}; give a multiple of {unit}")
 
 
 def drawn_by(sampler: str | None) -> tuple[str, ...]:

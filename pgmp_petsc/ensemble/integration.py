@@ -37,7 +37,7 @@ from pgmp_petsc.ensemble.plan import (
     read_samples,
     within,
 )
-from pgmp_petsc.ensemble.sampling import Sampler, physical
+from pgmp_petsc.ensemble.sampling import Sampler, physical, unit_of_better
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped, timed
 from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watching, watch_over_time
 from pgmp_petsc.models import Model, Reduced, SeparateLengths, of_samples
@@ -308,10 +308,10 @@ def allot(
     kept = on_root(comm, lambda: own.checkpoint.counts)
     if kept is not None and len(kept) == len(models):
         return [int(n) for n in kept[:-1]], int(kept[-1])
-    wanted = [*given, limit]
+    wanted, units = [*given, limit], np.array([unit_of_better(own.sampler.unit)] * len(better) + [own.sampler.unit])
     # what a stopped run left tells nothing of times
     pilot = np.array([model.n_finished + (PILOT_OF_OWN if model is own else PILOT) for model in models])
-    pilot = np.minimum(pilot, [model.plan.n_samples for model in models])
+    pilot = np.minimum(-(-pilot // units) * units, [model.plan.n_samples for model in models])
     done, costs = np.zeros(len(models), dtype=int), np.full(len(models), np.nan)
 
     def integrate(sizes: np.ndarray) -> None:
@@ -329,7 +329,8 @@ def allot(
                 f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given: "
                 f"samples take {', '.join(f'{cost:.2g} s' for cost in known)}, those of the best model first"
             )
-        chosen = np.maximum(done, np.where(share < 1.0, (share * chosen).astype(int), chosen))
+        free = [n is None or share < 1.0 for n in wanted]
+        chosen = np.maximum(done, np.where(free, (share * chosen).astype(int) // units * units, chosen))
         if share == 1.0:
             own.checkpoint.keep_counts(chosen)
         return chosen

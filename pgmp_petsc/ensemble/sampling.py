@@ -176,6 +176,13 @@ MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 FEW_POINTS = 8  # of a replicate
 IN_TURNS = ("sobol", "saltelli")  # samplers of several sequences, which take turns
 ROUNDS_NAMED = 2  # of all replicates: one would not show whether sequences take turns
+FEW_OF_BETTER = 4  # samples of a better model to each Sobol sequence
+
+
+def unit_of_better(unit: int) -> int:
+    """Return of how many samples those of a better model are a multiple, where so many belong together
+    (`Sampler.unit`)."""
+    return FEW_OF_BETTER * unit if unit > 1 else 1
 
 
 class Sampler:

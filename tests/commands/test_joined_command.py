@@ -203,6 +203,14 @@ def test_a_budget_allots_samples_and_a_resume_keeps_them(model: ReducedModel, fo
         ran(model, Plan(10**6, SEED, folder / "dear.h5"), better=better(model, "full=auto"), stop=Stop((), 0.5))
 
 
+def test_a_budget_allots_whole_sequences(rom: Path, folder: Path) -> None:
+    """Of Sobol sequences each has as many samples of every model."""
+    path = folder / "sequences.h5"
+    pgmp("montecarlo", rom, "--sampler", "sobol", "--correct", "full=auto", "--budget", "2s", "-o", path)
+    counts = Ensemble.read(path).joined.corrected["crank_angle"].counts
+    assert counts[0] % 32 == counts[1] % 8 == 0 < counts[0]
+
+
 BAD = [
     ("full", "--correct full: allowed are [SCENE:]MODEL[/D]=K with full, components or reduced"),
     ("fast=20", "--correct fast=20: allowed are [SCENE:]MODEL"),
