@@ -186,6 +186,14 @@ def test_what_the_schema_refuses_is_refused(part: str, entry: str, validate) -> 
         scene_from_tables(tables, BASE.parent)
 
 
+def test_numbers_of_parameters_may_be_texts_with_a_unit(validate) -> None:
+    bounds = 'bounds = ["5 mm", "11 mm"]'
+    part = f'[parameters.r1]\nunit = "m"\nnominal = "8 mm"\n{bounds}\ndistribution = {{name="norm",loc="8 mm",scale="0.4 mm"}}'
+    tables = merged(BASE.read_text(encoding="utf-8"), part)
+    validate(tables)
+    assert scene_from_tables(tables, BASE.parent).parameters["r1"].distribution.arguments["scale"] == pytest.approx(4e-4)
+
+
 def test_all_effects_may_be_chosen_at_once(validate) -> None:
     validate(merged(BASE.read_text(encoding="utf-8"), "effects = 'auto'"))
 

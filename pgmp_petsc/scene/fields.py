@@ -77,8 +77,15 @@ class Table(BaseModel):
 AnyScene = Any
 
 
+class OrText:
+    """A note on numbers: each may be a text with its unit, as editors are told."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return _or_text(handler(schema))
+
+
 @dataclass(frozen=True)
-class Unit:
+class Unit(OrText):
     """A note on an entry: its SI unit where it acts on a rotation, and on what slides; none if any may be.
 
     A number may then be a text with another unit of the dimension, which is converted to the scene's units.
@@ -93,9 +100,6 @@ class Unit:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_info_before_validator_function(self.numbers, handler(source))
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return _or_text(handler(schema))
 
     def numbers(self, value: object, info: ValidationInfo) -> object:
         """Return numbers in the units of the scene; texts that are none, such as names of parameters, as they are."""

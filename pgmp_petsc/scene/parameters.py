@@ -36,6 +36,7 @@ from pgmp_petsc.scene.fields import (
     Interval,
     Number,
     OrFile,
+    OrText,
     PositiveNumber,
     Table,
     Unit,
@@ -64,18 +65,22 @@ MOST_VALUES = 10_000  # every file carries them
 SIMPLE = {"norm": Normal, "uniform": Uniform}  # without shapes
 
 
+#: A number in the unit of a parameter, or a text with one of its own, which is converted before a scene is read.
+Own = Annotated[Number, OrText()]
+
+
 class Distribution(Table):
     """A continuous distribution of scipy.stats: its name, with ``loc``, ``scale`` and shapes as keys; or one of
     ``discrete``, ``empirical`` and ``mixture``, which have keys of their own."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, Number]
+    __pydantic_extra__: dict[str, Own]
 
     name: str = Field(
         description="name of a continuous distribution of scipy.stats, such as norm; or discrete (values with "
         "weights), empirical (measured values, straight lines between them), mixture (of other distributions)"
     )
-    values: Annotated[tuple[Number, ...], OrFile(False)] | None = Field(
+    values: Annotated[tuple[Own, ...], OrFile(False)] | None = Field(
         None,
         description="of discrete and empirical: numbers, or a file with one in each line (the first may be a name)",
     )
@@ -184,7 +189,7 @@ class Distribution(Table):
 class Parameter(Table):
     """A quantity that may differ between samples; materials, sections and effects name it."""
 
-    nominal: Number = Field(description="value at which the reduced basis is built")
+    nominal: Own = Field(description="value at which the reduced basis is built")
     unit: str = Field(
         "",
         description="unit of the values, bounds, loc and scale, such as mm; the scene's if not given, to which they "
@@ -192,10 +197,10 @@ class Parameter(Table):
     )
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
-    bounds: Interval | None = Field(
+    bounds: Annotated[Interval, OrText()] | None = Field(
         None, description="smallest and largest value; the distribution is truncated to them, renormalised"
     )
-    value: Number | None = Field(None, description="value of a single run (--set); nominal where it is not given")
+    value: Own | None = Field(None, description="value of a single run (--set); nominal where it is not given")
 
     @property
     def current(self) -> float:
