@@ -172,6 +172,11 @@ def test_a_working_directory_that_was_removed(tmp_path: Path, monkeypatch: pytes
     assert_refused("the working directory, or that of the output, was removed", check_output, "f.h5", "rom")
 
 
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="takes Linux's folder in which no file can be made")
+def test_a_folder_in_which_no_file_can_be_made() -> None:
+    assert_refused("no file can be made in the folder '/proc'", lambda: locked(Path("/proc/f.h5")).__enter__())
+
+
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "PATIENCE", 0.1)

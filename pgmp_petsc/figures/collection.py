@@ -15,7 +15,7 @@ from pgmp_petsc.base.errors import InputError
 from pgmp_petsc.figures.ensembles import bands, densities, joined, rare_event, sobol, stopping
 from pgmp_petsc.figures.ensembles import labels_of as densities_labels
 from pgmp_petsc.figures.mechanism import mechanism
-from pgmp_petsc.figures.solids import has_solids, solids
+from pgmp_petsc.figures.solids import frame_at, has_solids, solids
 from pgmp_petsc.figures.studies import (
     coordinate_path,
     frequencies,
@@ -184,6 +184,8 @@ def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pict
     first_of: dict[int, list[str]] = {}
     for name, (picture, has) in of_one.items():
         having = list(filter(has, found))
+        if name == "solids" and having and at is not None:
+            frame_at(having[0], at)  # outside the run no picture is drawn at all
         if having:
             pictures[name] = partial(picture, having[0], label=label_of[id(having[0])])
         if len(having) > 1:

@@ -269,11 +269,16 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
     motion = motion_of(run, "mises", exaggeration, label)
     number, why = motion.peak, ", when it is largest"
     if at is not None:
-        time = run.frames.time
-        if not time[0] <= at <= time[-1]:
-            raise InputError(f"--at {at:g}: outside the run, which goes from {time[0]:g} to {time[-1]:g} s")
-        number, why = int(np.argmin(np.abs(time - at))), ""
+        number, why = frame_at(run, at), ""
     return still(motion, number, why)
+
+
+def frame_at(run: Trajectory, at: float) -> int:
+    """Return the number of the frame that is nearest to an instant, s; raises `InputError` if that is outside the run."""
+    time = run.frames.time
+    if not time[0] <= at <= time[-1]:
+        raise InputError(f"--at {at:g}: outside the run, which goes from {time[0]:g} to {time[-1]:g} s")
+    return int(np.argmin(np.abs(time - at)))
 
 
 def has_solids(run: Trajectory) -> bool:

@@ -58,7 +58,7 @@ def locked(output: Path, named: str = "") -> Iterator[None]:
                 raise InputError(f"{named} is being written by {_owner(path)}; {cure}")
             time.sleep(0.05)
     except OSError as error:
-        raise InputError(f"{named} cannot be locked: {_reason(error)}") from error
+        raise InputError(f"{named} cannot be locked: {_reason(error, path)}") from error
     remove_at_end(path)
     try:
         yield
@@ -212,7 +212,7 @@ def check_output(
             _check_replaceable(output, target, kind)
         return target
     except OSError as error:
-        raise InputError(f"output file '{output}' cannot be written: {_reason(error)}") from error
+        raise InputError(f"output file '{output}' cannot be written: {_reason(error, Path(output))}") from error
 
 
 def check_folder(folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None) -> None:
@@ -325,8 +325,10 @@ def _contains(path: Path, *parts: bytes) -> bool:
         return all(data.find(part) >= 0 for part in parts)
 
 
-def _reason(error: OSError) -> str:
-    """Return what the system says, with the cure where there is one."""
+def _reason(error: OSError, path: Path) -> str:
+    """Return what the system says of a file that cannot be made, with the cure where there is one."""
+    if isinstance(error, FileNotFoundError) and path.is_absolute() and path.parent.is_dir():
+        return f"no file can be made in the folder '{path.parent}'; give another one"
     if isinstance(error, FileNotFoundError):
         return "the working directory, or that of the output, was removed; go to one that exists"
     return error.strerror or str(error)

@@ -154,6 +154,7 @@ def test_pictures_of_a_run_with_solids(tmp_path: Path) -> None:
     assert str(tmp_path / "pictures" / "solids.png") in lines
     with Image.open(tmp_path / "pictures" / "solids.png") as image:
         assert coloured(np.asarray(image.convert("RGB"))).mean() > 0.03
+    assert_refused("--at 7: outside the run, which goes from 0 to 1 s", draw, [tmp_path / "run.h5"], tmp_path, at=7.0)
     figure = solids(block_run(), 0.3)
     assert figure.axes[0].get_xlabel() == "t = 0.3333 s" and figure.axes[1].get_ylabel() == "von Mises stress (MPa)"
 
