@@ -112,7 +112,8 @@ def run(
     with ExitStack() as held:
         on_root(comm, lambda: held.enter_context(steps.held()), doing="holding the folder")
         keep(place, "*.h5")
-        held.callback(keep_no_longer, place)
+        # of an interrupted command it is still to be said what is there
+        held.push(lambda kind, *_: None if kind is KeyboardInterrupt else keep_no_longer(place))
         on_root(comm, check_output, target, "report", (path,))
         with agreed(comm, "assembling the mechanism"):
             mechanism = Mechanism.from_scene(loaded, meshes)

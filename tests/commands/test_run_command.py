@@ -339,3 +339,18 @@ def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, no_p
     assert lines["build"] == ["left out: no reduced model (6 coordinates); runs are of the component model"]
     assert "predicted to take" in lines["compare"][0] and lines["compare"][1].startswith("differs from full order")
     assert "predicted to take" in lines["ensemble"][0] and "4 samples, 0 failed" in lines["ensemble"][1]
+
+
+def test_an_interrupted_run_says_that_the_same_command_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its files are kept, and there is no --resume."""
+    own, _ = write_template("slider_crank", tmp_path / "mine.toml")
+
+    def interrupted(self: jobs._Job, n: int, seed: int) -> None:
+        assert (own.with_name("mine_results") / "rom.h5").exists()
+        raise KeyboardInterrupt
+
+    for step in ("simulate", "compare", "refine"):
+        monkeypatch.setattr(jobs._Job, step, lambda self: None)
+    monkeypatch.setattr(jobs._Job, "sample", interrupted)
+    last = pgmp("run", own, "-n", "32", *SHORT, status=130).stderr.splitlines()[-1]
+    assert last.endswith(f"is kept in '{own.with_name('mine_results')}'; the same command goes on from there"), last
