@@ -343,7 +343,7 @@ def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, no_p
 
 def test_an_interrupted_run_says_that_the_same_command_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its files are kept, and there is no --resume."""
-    own, _ = write_template("slider_crank", tmp_path / "mine.toml")
+    own, *_ = write_template("slider_crank", tmp_path / "mine.toml")
 
     def interrupted(self: jobs._Job, n: int, seed: int) -> None:
         assert (own.with_name("mine_results") / "rom.h5").exists()
