@@ -35,8 +35,8 @@ from pgmp_petsc.base.surroundings import Comm
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.ensemble.checkpoint import Shards, remove_checkpoint
 from pgmp_petsc.ensemble.description import describe_shards
-from pgmp_petsc.ensemble.integration import read_earlier, run_ensemble
-from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard, called, read_samples
+from pgmp_petsc.ensemble.integration import read_earlier, run_ensemble, samples_for
+from pgmp_petsc.ensemble.plan import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard, called
 from pgmp_petsc.ensemble.sampling import FEW_OF_BETTER, refuse_drawn, unit_of_better
 from pgmp_petsc.ensemble.stopping import Stop, read_rule
 from pgmp_petsc.mechanism.capabilities import check_capabilities
@@ -46,7 +46,6 @@ from pgmp_petsc.models import FullModel, Model
 from pgmp_petsc.models.component_file import ComponentsFile
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import UNKNOWNS_PER_RANK, RankGroup
-from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import Ensemble, RareEvent, ShardSamples, read_shard
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -265,14 +264,13 @@ class Request:
         """Return the samples of the file, None where there is none. By one process."""
         if self.samples is None:
             return None
-        file = read_samples(self.samples, model.scene, self.n)
+        file = samples_for(model, self.samples, self.n)
         for setting in settings:
             name = setting.partition("=")[0].strip()
             if name in file.values:
                 why = f"every sample takes '{name}' from {called(self.samples)}"
                 raise InputError(f"--set {setting}: {why}; leave one of them out")
-        said = check_samples(model.served, file.values, called(self.samples))
-        return replace(file, remarks=(*file.remarks, *said))
+        return file
 
     def with_table(self, file: SampleFile | None) -> Request:
         """Return the request with the number of samples that a file gives."""

@@ -31,6 +31,7 @@ from pgmp_petsc.ensemble.plan import (
     Piece,
     Plan,
     SampleFile,
+    called,
     checked,
     missing,
     pieces,
@@ -43,6 +44,7 @@ from pgmp_petsc.ensemble.watchers import Begun, Found, RangeWatch, Watcher, Watc
 from pgmp_petsc.models import Model, Reduced, SeparateLengths, of_samples
 from pgmp_petsc.ranks.agreement import agreed, on_root
 from pgmp_petsc.ranks.groups import Pulse, RankGroup, deal_to_groups
+from pgmp_petsc.reduction.rom import check_samples
 from pgmp_petsc.results.ensemble import UNSTABLE, Ensemble, ShardSamples
 from pgmp_petsc.results.numbers import Arrays
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
@@ -366,6 +368,13 @@ class Earlier:
         )
 
 
+def samples_for(model: Model, given: Path | Arrays, n: int | None) -> SampleFile:
+    """Return the first n samples of a file, or of columns, or all, with what is said of those that the model was not
+    built for; see `read_samples`."""
+    file = read_samples(given, model.scene, n)
+    return replace(file, remarks=(*file.remarks, *check_samples(model.served, file.values, called(given))))
+
+
 def read_earlier(path: Path, model: Model) -> Earlier:
     """Return what a file says, without its samples. By one process. Raises `InputError` if it is no ensemble of this
     scene and model, or nothing in it can be tried again."""
@@ -385,7 +394,7 @@ def read_earlier(path: Path, model: Model) -> Earlier:
         raise InputError(f"{OPTION} {path}: written by another version, which kept less of its samples; run it again")
     _check_scene(path, scene_from_toml(found.record.scene_toml, path.parent), model.scene)
     n, seed = len(found.status), found.record.seed
-    file = None if seed is not None else read_samples(path, model.scene, None)
+    file = None if seed is not None else samples_for(model, path, None)
     if file is None:
         _check_draws(path, found, model.scene, Sampler(model.scene, Plan(n, seed)))
     return Earlier(path, n, n_failed, seed or 0, file)

@@ -274,7 +274,7 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
 
 
 def frame_at(run: Trajectory, at: float) -> int:
-    """Return the number of the frame that is nearest to an instant, s; raises `InputError` if that is outside the run."""
+    """Return the number of the frame nearest to an instant, s; raises `InputError` if that is outside the run."""
     time = run.frames.time
     if not time[0] <= at <= time[-1]:
         raise InputError(f"--at {at:g}: outside the run, which goes from {time[0]:g} to {time[-1]:g} s")

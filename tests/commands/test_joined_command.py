@@ -344,6 +344,9 @@ def test_the_command_tries_failed_samples_again(rom: Path, folder: Path) -> None
     done = pgmp("montecarlo", rom, "--retry-failed", one, *push, "-o", other, status=1)
     found = [Ensemble.read(path) for path in (one, other)]
     assert "samples that had failed in" in done.stdout
+    # r1 = 1.1 mm is outside of what the model was built for
+    outside = [[remark.text for remark in both.record.remarks if " outside" in remark.text] for both in found]
+    assert len(outside[0]) == len(outside[1]) == 1, outside
     assert np.all([one.status != 0 for one in found])
     assert found[0].steps_divided.max() <= 8 < found[1].steps_divided.max() <= 64
     assert not Path(f"{other}.partial").exists()
