@@ -79,7 +79,8 @@ def described(kind: type[Record], base: str = "") -> Iterator[Row]:
             for key, words in entry.keys.items() if entry.keys else [("{name}", {})]:
                 texts = [_PLACEHOLDERS.format(text, name=key, **words) for text in (place, unit, entry.about)]
                 texts[1] = "" if one.is_attribute and unit == "1" else texts[1]
-                yield Row(texts[0], sizes, *texts[1:], bool(entry.gaps), entry.of is not None)
+                for at in (texts[0], *(joined(base, other) for other in entry.also)):
+                    yield Row(at, sizes, *texts[1:], bool(entry.gaps), entry.of is not None)
 
 
 def tables() -> str:

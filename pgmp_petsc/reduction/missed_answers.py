@@ -52,7 +52,7 @@ class MissedAnswers(Record):
     #: ``K(p0)^-1 L_i``, shape (n, n_w, q, k), and behind them, shape (n, n_stiffness_terms, m, k), those to ``K_i
     #: Psi``; rows of both below each other, shape (n, n_w q + n_stiffness_terms m, k)
     answers: np.ndarray = array(
-        "configuration", "load", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
+        "configuration", "answer", "unknown of stresses", unit=WEIGHT_FREE, about="K^-1 [L_i, K_i Psi]"
     )
 
     def turned(self, rotations: np.ndarray) -> MissedAnswers:

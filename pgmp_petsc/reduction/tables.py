@@ -187,7 +187,7 @@ class StiffnessChanges(Record):
     """Influences of all loads on the stiffness of the modes at the samples, modes in ascending order at each."""
 
     influence: np.ndarray = array(
-        "configuration", "mode of the order", "load", unit="SI", gaps=True,
+        "configuration", "mode of the order", "unit load or motion", unit="SI", gaps=True,
         about="change of the modes' stiffness by unit loads and motions",
     )  # fmt: skip
     stiffness: np.ndarray = array(

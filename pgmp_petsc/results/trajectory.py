@@ -79,7 +79,7 @@ class BodyField(Record):
     at_nodes: dict[str, np.ndarray] = _quantities("node", "at the nodes")
     at_cells: dict[str, np.ndarray] = _quantities("cell", "in the middles of the cells")
     units: dict[str, str] = units_of("at_nodes", default={})
-    rigid: bool = attribute("cells@rigid", default=False)
+    rigid: bool = attribute("cells@rigid", default=False, about="whether the body does not deform")
     radius: float | None = attribute(
         "cells@radius", absent=None, unit="m", about="of beams: of the circle with the section's radius of gyration"
     )
