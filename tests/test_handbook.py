@@ -191,7 +191,9 @@ def test_numbers_of_parameters_may_be_texts_with_a_unit(validate) -> None:
     part = f'[parameters.r1]\nunit = "m"\nnominal = "8 mm"\n{bounds}\ndistribution = {{name="norm",loc="8 mm",scale="0.4 mm"}}'
     tables = merged(BASE.read_text(encoding="utf-8"), part)
     validate(tables)
-    assert scene_from_tables(tables, BASE.parent).parameters["r1"].distribution.arguments["scale"] == pytest.approx(4e-4)
+    assert scene_from_tables(tables, BASE.parent).parameters["r1"].distribution.arguments["scale"] == pytest.approx(
+        4e-4
+    )
 
 
 def test_all_effects_may_be_chosen_at_once(validate) -> None:
