@@ -43,7 +43,7 @@ from pgmp_petsc.base.errors import InputError, Remark, gathered, note, warning
 from pgmp_petsc.base.units import behind
 from pgmp_petsc.ensemble.plan import Plan
 from pgmp_petsc.files.seal import identity
-from pgmp_petsc.results.numbers import Arrays
+from pgmp_petsc.results.numbers import Arrays, share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import ARCHIMEDEAN, correlation_matrix, kendall, uncertain_names, variables_of
 from pgmp_petsc.scene.units import own_units, own_values, to_own
@@ -377,7 +377,7 @@ def physical(scene: Scene, values: Arrays) -> np.ndarray:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share > 1e-9 or share == 0.0 else "less than 1e-7 %"
+    return share_text(share) if share > 1e-9 or share == 0.0 else "less than 1e-7 %"
 
 
 def refuse_drawn(scene: Scene, settings: Sequence[str]) -> None:

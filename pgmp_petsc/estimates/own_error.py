@@ -419,4 +419,4 @@ def of_figures(
         if len(told) > MOST_NAMED:
             named.append(f"and of {counted(len(told) - MOST_NAMED, 'other')}, by a smaller share")
         return (warning(f"the reduced model's own error is a good part of {'; '.join(named)}; {CURE}"),)
-    return (note(f"errors of the reduced model are estimated at up to {100 * max(shares):.2g} % of {sizes}"),)
+    return (note(f"errors of the reduced model are estimated at up to {share_text(max(shares))} of {sizes}"),)

@@ -46,7 +46,7 @@ from pgmp_petsc.reduced.system import ReducedSystem
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.tables import StiffnessChanges
 from pgmp_petsc.results.estimates import ROTATION_LIMIT, VALIDITY, limits_of
-from pgmp_petsc.results.numbers import Arrays
+from pgmp_petsc.results.numbers import Arrays, plain
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.stepping.second_order_system import Observer, State
@@ -268,8 +268,8 @@ def _given_way(scene: Scene, rotations: np.ndarray) -> Iterator[Remark]:
         yield warning(
             f"rotations of {largest:.2g} rad with what {', '.join(elastic)} give way: a model without terms of second "
             f"order turns neither lengths nor forces by them, so that deformations, and places of what gives way, may "
-            f"be off by {100.0 * largest:.2g} to {300.0 * largest:.2g} %; estimated errors have that. Take terms of "
-            f"second order where bending is small (reduction.second_order), or {comparing(scene)}"
+            f"be off by {plain(100.0 * largest)} to {plain(300.0 * largest)} %; estimated errors have that. Take terms "
+            f"of second order where bending is small (reduction.second_order), or {comparing(scene)}"
         )
 
 

@@ -22,7 +22,7 @@ from pgmp_petsc.figures import style
 from pgmp_petsc.figures.style import tell_apart
 from pgmp_petsc.results import Band, Ensemble, Statistics
 from pgmp_petsc.results.ensemble import RareEvent, Sensitivity
-from pgmp_petsc.results.numbers import ROUND_OFF, interval_text, number_text
+from pgmp_petsc.results.numbers import ROUND_OFF, interval_text, number_text, share_text
 
 LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 NOTE_SIZE, NOTE_LENGTH = 8.5, 40  # of the letters there, points, and for how many there is room beside the last panel
@@ -219,7 +219,7 @@ def draw_repeated(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[s
         look = {"color": colour, "clip_on": False, "transform": axes.get_xaxis_transform()}
         axes.plot([value, value], [0.0, share], linewidth=3.0, **look)
         axes.annotate(
-            f"{100.0 * share:.2g} % at {value:.4g}".replace("-", "\N{MINUS SIGN}"),
+            f"{share_text(share)} at {value:.4g}".replace("-", "\N{MINUS SIGN}"),
             xy=(value, top),
             xycoords=axes.get_xaxis_transform(),
             xytext=(3.0 if at_left else -3.0, 0.0),
