@@ -32,7 +32,6 @@ from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom_file import BodyFile, LengthCheck, LengthsFile, ModelFile, RomFile, Tabulated
 from pgmp_petsc.reduction.sample_grid import EACH, LengthGrid
 from pgmp_petsc.reduction.tables import ReducedTables, StiffnessChanges, rigid_inertia
-from pgmp_petsc.results.numbers import share_text
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Parameter, share_below, spanning_values
 from pgmp_petsc.scene.units import to_own
@@ -335,7 +334,7 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     share, beyond = (
         1.0 - _share(parameter, *ends) for ends in ((served.low, served.high), (served.least, served.most))
     )
-    what = f"parameters.{name}.distribution: {share_text(share)} of it lie outside {served.range}"
+    what = f"parameters.{name}.distribution: {100 * share:.3g} % of it lie outside {served.range}"
     if served.is_sharp and beyond > ROUND_OFF:
         raise InputError(f"{what}, beyond which the model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:
