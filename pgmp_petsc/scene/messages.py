@@ -89,7 +89,7 @@ def explain(error: ValidationError, model: type[BaseModel], units: Mapping[str, 
         text = _UNITS.sub(lambda found: system.unit(found[0]), _explain(details, model))
         if table == "parameters" and name in units and details["type"] == "refusal" and re.search(r"\d", text):
             own = "SI units" if system == SI else str(system)
-            text += f" (in {own}; the scene's are in {units[name]})"
+            text += f" (in {own}; the parameter's unit is {units[name]})"
         problems.append(text)
     return input_error(problems)
 

@@ -52,7 +52,7 @@ def test_all_numbers_of_a_parameter_are_converted() -> None:
         scene = load_scene(SLIDER_CRANK, [f'parameters.r1={{nominal=5.6, unit="mm", distribution={{{law}}}}}'])
         assert scene.parameters["r1"].distribution.arguments == known
     assert load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5e-3"]).values["r1"] == 5e-3
-    with pytest.raises(InputError, match=r"= 5.0: .* \[0.001, 0.012\] m \(in SI units; the scene's are in mm\)$"):
+    with pytest.raises(InputError, match=r"= 5.0: .* \[0.001, 0.012\] m \(in SI units; the parameter's unit is mm\)$"):
         load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5"])
 
 
