@@ -69,6 +69,8 @@ BALANCED = 0.1  # what slopes of length 1 that contradict one another leave in s
 STUCK = -2  # status of a search that gets no nearer to constraints that it has not met
 OTHER = -1  # status of a search that ended where constraints are missed, though a design was tried that meets them
 DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the goal smaller
+STALLED = -3  # status of a search that finds no better design that meets all constraints
+ENDED = (0, DESCENT_ENDED, STALLED)  # status of searches that end at a design that none nearby is better than
 
 
 @dataclass(frozen=True)
@@ -316,7 +318,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
         done, best = _searched(figures, abs(first[0].value) or 1.0, sizes)
         last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]
-    converged = done.status in (0, DESCENT_ENDED) and not missed
+    converged = done.status in ENDED and not missed
     confidence = model.scene.ensemble.confidence
     ends = figures.intervals(confidence)
     with agreed(comm, "runs of the design"):
@@ -415,7 +417,7 @@ def _searched(
 
 
 class _Stuck(Exception):  # noqa: N818 - it ends a search, and is no error
-    """A search gets no nearer to constraints that it has not met."""
+    """A search gets no nearer to constraints that it has not met, or to a better design that meets them."""
 
 
 def _search(
@@ -425,16 +427,23 @@ def _search(
     """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where.
 
     Of n parameters, n + 1 iterations show a search all slopes. It ends where twice as many bring it no nearer to
-    constraints that it has not met, by their sum `missed`, than as many before.
+    constraints that it has not met, by their sum `missed`, than as many before; or where they are met, and as
+    many bring no better design, as between kinks.
     """
     seen: list[float] = []
-    each, last = PATIENCE * (start.size + 1), start
+    goals = [np.inf]  # the best after each iteration of designs that meet all constraints
+    each, last, best = PATIENCE * (start.size + 1), start, start
 
     def look(x: np.ndarray) -> None:
-        nonlocal last
+        nonlocal last, best
         last = x
         seen.append(missed(x))
+        value = goal(x)[0] if seen[-1] <= MET else np.inf
+        best = x.copy() if value < goals[-1] else best
+        goals.append(min(goals[-1], value))
         if len(seen) >= 2 * each and MET < min(seen) and min(seen[-each:]) >= min(seen[-2 * each : -each]) - GAINED:
+            raise _Stuck
+        if len(goals) > each and np.isfinite(goals[-1 - each]) and goals[-1] > goals[-1 - each] - GAINED:
             raise _Stuck
 
     with catch_warnings(), suppress(_Stuck):
@@ -445,8 +454,10 @@ def _search(
             options={"maxiter": most, "ftol": PRECISE}, callback=look,
         )  # fmt: skip
         return done, np.clip(done.x, *ends)
-    reason = f"its last {each} iterations brought it no nearer to the constraints"
-    done = scipy.optimize.OptimizeResult(fun=goal(last)[0], status=STUCK, message=reason, nit=len(seen))
+    status, reason = STUCK, f"its last {each} iterations brought it no nearer to the constraints"
+    if np.isfinite(goals[-1]):
+        last, status, reason = best, STALLED, f"its last {each} iterations brought no better design"
+    done = scipy.optimize.OptimizeResult(fun=goal(last)[0], status=status, message=reason, nit=len(seen))
     return done, np.clip(last, *ends)
 
 
@@ -498,7 +509,7 @@ def _of_end(
     done: scipy.optimize.OptimizeResult, question: Question, last: Sequence[Dual], missed: Sequence[int],
     contradicting: Sequence[str], astray: Mapping[str, object],
 ) -> Iterator[Remark]:  # fmt: skip
-    if not missed and done.status in (0, DESCENT_ENDED):
+    if not missed and done.status in ENDED:
         before = " and ".join(why for why, is_so in astray.items() if is_so)
         ended = f"the search found no better design nearby, but may have ended before an optimum, as {before}"
         ended = ended if before else "the design is the nearest optimum from where the search began (--set)"
@@ -515,12 +526,12 @@ def _of_end(
             f"{' and '.join(contradicting)} contradict one another there: no small step of the design brings it "
             "much nearer to one of them and not further from another; leave one out, or ask less of it"
         )
-    if done.status == DESCENT_ENDED and not missed:
+    if done.status in (DESCENT_ENDED, STALLED) and not missed:
         yield note(
             "the search ended where no step makes the goal better, but not by its own test: as a rule where two peaks "
             "of a largest value are equally high"
         )
-    elif done.status not in (0, DESCENT_ENDED):
+    elif done.status not in ENDED:
         cure = "" if done.status == STUCK else "; begin nearer (--set)"  # as above, of what is missed
         yield warning(f"the search did not converge: {done.message}{cure}")
 
