@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from textwrap import fill
 from typing import Any
 
 import matplotlib
@@ -326,7 +327,8 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
 def _keys(axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        needed = [len(label) + 6 for label in labels]
+        labels = [fill(label, ROW - 6) for label in labels]  # a longer row would leave the axes no width
+        needed = [min(len(label), ROW - 6) + 6 for label in labels]
         columns = len(labels) if sum(needed) <= ROW else max(1, min(len(labels), ROW // max(needed)))
         # from the picture's edge, not from that of the axes, which long numbers beside them move to the right
         axes.legend(

@@ -228,7 +228,7 @@ def _outputs(
     banded = next((source.result for source in ensembles if any(b.count for b in source.result.bands.values())), None)
     bands = {} if banded is None else {name: band for name, band in banded.bands.items() if band.count}
     runs = [
-        (run, ", ".join(filter(None, (MODELS[run.model], label))))
+        (run, ", ".join(dict.fromkeys(filter(None, (MODELS[run.model], *label.split(", "))))))
         for comparison, label in zip(comparisons, labels)
         for run in comparison.runs
     ][:MOST_CURVES]

@@ -879,12 +879,13 @@ def test_commands_build_the_model_of_a_fit() -> None:
     assert (build, again) == ("pgmp build scene.toml -o rom.h5", "pgmp fit rom.h5 MEASURED.csv -o fit.h5")
 
 
-def test_keys_of_a_chart_stay_in_the_picture_beside_long_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("told", ["", ", ".join(f"without effects.{name}" for name in ("gust", "drag", "play"))])
+def test_keys_of_a_chart_stay_in_the_picture_beside_long_numbers(told: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers that differ in the seventh digit take a quarter of the width, and move the axes to the right."""
     monkeypatch.undo()
     figures, create, time = [], charts.new_figure, np.linspace(0.0, 1.0, 21)
     monkeypatch.setattr(charts, "new_figure", lambda *size: figures.append(create(*size)) or figures[-1])
-    named = {"full order": "full", "reduced, other.h5": "reduced", "components": "components"}
+    named = {f"full order{told}": "full", "reduced, other.h5": "reduced", "components": "components"}
     curves = [Curve(words, model, time, 0.5 + 1e-6 * time) for words, model in named.items()]
     output_over_time("x", "m", curves, None, "reduced", None)
     keys, page = figures[0].axes[0].get_legend().get_window_extent(), figures[0].bbox
