@@ -335,7 +335,7 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     remarks = (
         *_of_end(done, question, last, missed, contradicting, astray), *comm.bcast(own),
         *served_remarks(model, question.names),
-        *figures.turned_back.remarks, *_of_edge(question, beside),
+        *figures.turned_back.remarks, *_of_edge(beside),
         *_of_limits(question, figures, best, [*first, *last]),
         *_of_robust(question, figures, ends, confidence), *difference_remarks(model, figures.off),
         *step_remarks(model, ended), *contact_remarks(ended), *model.scene.remarks,
@@ -427,8 +427,8 @@ def _search(
     """Search from a start within ends (2, n) in so many iterations at most; return how it ended, and where.
 
     Of n parameters, n + 1 iterations show a search all slopes. It ends where twice as many bring it no nearer to
-    constraints that it has not met, by their sum `missed`, than as many before; or where they are met, and as
-    many bring no better design, as between kinks.
+    constraints that it has not met, by their sum `missed`, than as many before; or where they are met, and as many
+    bring no better design, as between kinks.
     """
     seen: list[float] = []
     goals = [np.inf]  # the best after each iteration of designs that meet all constraints
@@ -443,7 +443,8 @@ def _search(
         goals.append(min(goals[-1], value))
         if len(seen) >= 2 * each and MET < min(seen) and min(seen[-each:]) >= min(seen[-2 * each : -each]) - GAINED:
             raise _Stuck
-        if len(goals) > each and np.isfinite(goals[-1 - each]) and goals[-1] > goals[-1 - each] - GAINED:
+        # one that comes nearer to constraints from outside has no better design yet, and goes on
+        if len(goals) > each and min(seen[-each:]) <= MET and goals[-1] > goals[-1 - each] - GAINED:
             raise _Stuck
 
     with catch_warnings(), suppress(_Stuck):
@@ -567,7 +568,7 @@ def _of_own_error(
 
 
 @gathered
-def _of_edge(question: Question, stopped: Sequence[PgmpError]) -> Iterator[Remark]:
+def _of_edge(stopped: Sequence[PgmpError]) -> Iterator[Remark]:
     """Return that runs stop beside a design, and why the first of them does."""
     if stopped:
         named = counted(len(stopped), "run")

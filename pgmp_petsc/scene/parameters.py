@@ -531,11 +531,8 @@ def outermost_values(scene: AnyScene, share: float) -> dict[str, tuple[float, fl
     them; of a parameter that is not drawn `BESIDE` it."""
     spans = {}
     for name, parameter in scene.parameters.items():
-        ends = (
-            _levels(scene, name, share)
-            if parameter.varies
-            else (parameter.nominal / BESIDE, parameter.nominal * BESIDE)
-        )
+        near = parameter.nominal / BESIDE, parameter.nominal * BESIDE
+        ends = _levels(scene, name, share) if parameter.varies else near
         spans[name] = (min(*ends, parameter.nominal), max(*ends, parameter.nominal))
     return spans
 

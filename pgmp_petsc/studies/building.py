@@ -293,7 +293,9 @@ def _at_ends(
         except PgmpError as error:
             again = [replace(found[name], keeps=True, measure=f"not known {at}: {error}") for name in found]
         for size in again:
-            if size.name in holding[parameter] and (size.keeps or size.share > found[size.name].share):
+            before = found[size.name]
+            larger = size.share > before.share or (size.keeps and not before.keeps)
+            if size.name in holding[parameter] and larger:
                 found[size.name] = replace(size, measure=f"{size.measure}, {at}")
     return list(found.values())
 
