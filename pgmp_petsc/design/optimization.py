@@ -326,7 +326,8 @@ def optimize(model: ReducedModel, question: Question, comm: Comm) -> Design:
     values = model.scene.values | dict(zip(question.names, map(float, best)))
     with timings.phase("errors"), doing("errors of the design"), agreed(comm, "errors of the design"):
         own = _of_own_error(model, question, figures, best, ended) if comm.rank == 0 else ()
-    beside = figures.stopped_beside(best)
+    with timings.phase("runs beside the design"):
+        beside = figures.stopped_beside(best)
     contradicting = _contradicting(question, figures, best, last, sizes)
     astray = {
         "derivatives jump where contacts come and go": ended.contacts,

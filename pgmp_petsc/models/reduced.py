@@ -364,8 +364,8 @@ class ReducedMultipliers:
         return found
 
     def _of_drives(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
-        parts = [part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v, state.a)]
-        found = system.residuals_over(times.reshape(-1, system.n_samples), np.stack(parts, axis=1))
+        trail = _over_instants(system, state.q, state.v, state.a)
+        found = system.residuals_over(times.reshape(len(trail), -1), trail)
         return -found.reshape(times.size, -1)[:, sorted(self._motions)].T
 
     def _node_loads(self, system: ReducedSystem, times: np.ndarray, state: State) -> np.ndarray:
@@ -373,7 +373,7 @@ class ReducedMultipliers:
         (n, n_dofs)."""
         if not self._actions.actions:
             return np.empty((times.size, 0))
-        trail = np.stack([part.reshape(-1, system.n_samples, part.shape[1]) for part in (state.q, state.v)], axis=1)
+        trail = _over_instants(system, state.q, state.v)
         found = system.node_loads(times.reshape(len(trail), -1), trail)
         # behind the nodes of bodies there may be points of the ground: `ReducedActions.joined`
         nodes = found.reshape(times.size, self._actions.places.n_nodes, -1)[:, : len(nodes_of(self._actions.actions))]
@@ -400,6 +400,12 @@ class ReducedMultipliers:
     def _system(self, n: int, values: Mapping[str, np.ndarray]) -> ReducedSystem:
         given = np.zeros((self._terms.tables.n_given, n))
         return ReducedSystem(self._terms, self._effects, values, (0.0, 0.0), n, self._motions, self._actions, given)
+
+
+def _over_instants(system: ReducedSystem, *parts: np.ndarray) -> np.ndarray:
+    """Return k parts of states of a system's samples at one instant after the other, (n, n_eta) each, as (n_t, k,
+    n_samples, n_eta)."""
+    return np.stack([part.reshape(-1, system.n_samples, part.shape[1]) for part in parts], axis=1)
 
 
 def _part(states: State, some: slice) -> State:

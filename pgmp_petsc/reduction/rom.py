@@ -334,7 +334,8 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     share, beyond = (
         1.0 - _share(parameter, *ends) for ends in ((served.low, served.high), (served.least, served.most))
     )
-    what = f"parameters.{name}.distribution: {100 * share:.3g} % of it lie outside {served.range}"
+    shown = f"{float(f'{100 * share:.2g}'):g}"  # 100 and not 1e+02
+    what = f"parameters.{name}.distribution: {shown} % of it lie outside {served.range}"
     if served.is_sharp and beyond > ROUND_OFF:
         raise InputError(f"{what}, beyond which the model serves no length, place or ratio; {CURE}")
     if beyond > 0.5:

@@ -291,7 +291,7 @@ def _at_ends(
             run = run_rigid(there, meshes, kinematics)
             again = _named(there, run, _exchanged(there, kinematics, run), tolerance)
         except PgmpError as error:
-            again = [replace(found[name], keeps=True, measure=f"not known {at}: {error}") for name in found]
+            again = [replace(found[name], keeps=True, measure=f"not known: {error}") for name in holding[parameter]]
         for size in again:
             before = found[size.name]
             larger = size.share > before.share or (size.keeps and not before.keeps)

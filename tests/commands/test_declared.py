@@ -4,6 +4,7 @@ import inspect
 import re
 import sys
 from pathlib import Path
+from time import monotonic
 
 import click
 import pytest
@@ -14,7 +15,7 @@ from mpi4py import MPI
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import found
-from pgmp_petsc.api.arguments import Range
+from pgmp_petsc.api.arguments import Range, began, by_command_line
 from pgmp_petsc.api.declared import Argument, Command, command, found_command, interface
 from pgmp_petsc.api.ranks import tell
 from pgmp_petsc.cli.declared import Declared, Session
@@ -164,3 +165,11 @@ def test_a_command_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     greet = __import__("greeting").greet
     assert run(greet.command, "you") == (0, "hello you\n")
     assert greet.command.description == "Say hello to NAME."
+
+
+def test_a_call_begins_with_its_command_line() -> None:
+    """A budget of a command counts what comes before the call, such as imports; a program's own begins with it."""
+    with by_command_line(5.0):
+        assert began() == 5.0
+    before = monotonic()
+    assert before <= began() <= monotonic()

@@ -12,12 +12,14 @@ from mpi4py import MPI
 from runs import ONE_RANK, PGMP, overridden, pgmp
 from solids import rectangle_mesh
 
+from pgmp_petsc.base.errors import RunError
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.files.hdf5 import open_file
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.meshes import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.scene import Scene, load_scene, scene_to_toml
+from pgmp_petsc.studies import building
 from pgmp_petsc.studies.building import choose_effects, estimate_effects, remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -184,6 +186,25 @@ def test_an_effect_that_samples_have_is_not_left_out() -> None:
         assert re.search(r"its work, of the energy moved around, at wind = ", found.measure)
         (told,) = (remark.text for remark in chosen.remarks if "leaves out" in remark.text)
         assert told.startswith('reduction.effects = "auto" leaves out') and ("gust (share" in told) is not is_kept
+
+
+def test_an_effect_whose_size_in_samples_is_not_known_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rigid mechanism's run stops at either end of the wind's samples."""
+    gust = 'effects.gust={type="law",joint="crank_hinge",force="-q * sin(s)",constants={q="wind"}}'
+    drawn = 'parameters.wind={nominal=0.0,distribution={name="norm",loc=0.0,scale=0.02}}'
+    scene, meshes = read(FOUR_BAR, TINY, gust, drawn, "simulation.step=2e-3")
+    run = building.run_rigid
+
+    def stopping(own: Scene, *given: object) -> building.RigidRun:
+        if own.values["wind"] != 0.0:
+            raise RunError("the rigid mechanism's run stopped at 1 ms")
+        return run(own, *given)
+
+    monkeypatch.setattr(building, "run_rigid", stopping)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
+    (found,) = (size for size in sizes.sizes if size.name == "gust")
+    assert "gust" in chosen.effects and found.keeps
+    assert re.fullmatch(r"not known: the rigid mechanism's run stopped at 1 ms, at wind = -0.059\d+", found.measure)
 
 
 def test_of_what_moves_out_of_the_range_no_sizes_are_known() -> None:

@@ -269,7 +269,7 @@ def test_what_a_build_tries_is_served_and_loads_may_be_anything(served: dict[str
     ("change", "line", "far"),
     [
         ("parameters.r1.value=2.9e-3", "parameters.r1.value = 0.0029: outside [0.00308", False),
-        ('parameters.r1.distribution={name="norm", loc=7.5e-3, scale=0.5e-3}', "r1.distribution: 10.7 % of", False),
+        ('parameters.r1.distribution={name="norm", loc=7.5e-3, scale=0.5e-3}', "r1.distribution: 11 % of", False),
         ("parameters.r1.value=11e-3", "0.011: beyond what the model serves, [0.000560039, 0.01064] m", True),
         ('parameters.r1.distribution={name="uniform", loc=10e-3, scale=1.9e-3}', "the greater part beyond what", True),
     ],
